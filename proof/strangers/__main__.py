@@ -2,6 +2,7 @@
 
 python proof/strangers [--cache out/strangers] [--only WORD...] [--round N] [--largest BYTES] [--most N] [--jobs N]
     [--rows FILE.jsonl] [--keep-old] [--summary-only] [--pictures N] [--before FILE.jsonl] [--code FOLDER] [--fetch-only]
+    [--page FILE.md [--kinds FILE.jsonl] [--ladders FILE.jsonl]]
 python proof/strangers --add KIND:NAME:VERSION:MOST
 
 Each model is coded at a rate, decoded to GLB, and compared with its source, in processes with capped time and memory. A line per
@@ -26,6 +27,7 @@ from bench.batch import resumable
 from proof.strangers.fetch import Unfetched, fetch_package
 from proof.strangers.judge import changed, summary
 from proof.strangers.listing import LARGEST, LIST, add_package, folder_of, read_list, strangers_of, write_list
+from proof.strangers.page import write_page
 from proof.strangers.pictures import draw
 from proof.strangers.rows import read_rows
 from proof.strangers.run import RATE, run_all
@@ -51,6 +53,9 @@ def _arguments(arguments):
     parser.add_argument("--keep-old", action="store_true", help="leave models alone that have a row")
     parser.add_argument("--before", type=Path, metavar="FILE.jsonl", help="their models, and what has changed")
     parser.add_argument("--pictures", type=int, default=0, metavar="N", help="draw so many, source and decoded, on sheets of 20")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="write a page of the rows")
+    parser.add_argument("--kinds", type=Path, metavar="FILE.jsonl", help="rows of proof.strangers.kinds, for the page")
+    parser.add_argument("--ladders", type=Path, metavar="FILE.jsonl", help="rows of some models at several rates, for the page")
     parser.add_argument("--code", metavar="FOLDER", help="a checkout whose texfcodec is measured")
     parser.add_argument("--fetch-only", action="store_true")
     parser.add_argument("--summary-only", action="store_true", help="of the rows that are there")
@@ -110,6 +115,8 @@ def main(arguments=None):
         rows = draw(rows, args.pictures, args.cache, rows_file)
     text, is_short = summary(rows, missing)
     print(text)
+    if args.page:
+        write_page(args.page, rows, args.kinds, args.ladders, len({stranger.package["name"] for stranger in here}))
     if args.before:
         print(changed(read_rows(args.before), rows))
     return EXIT_DIFFERS if is_short else 0

@@ -14,11 +14,12 @@ SMALL = 0.001  # a part of so little of the surface is not looked at
 ALPHA_OFF, SIZE_OFF = 0.02, 0.01  # mean error of alpha; of the box
 LEAST_PICTURE, LEAST_COVER = 30.0, 0.9  # dB and shared pixels of two pictures of another program, whose filters differ a little
 SHADED = (".glb", ".gltf", ".obj", ".dae")  # formats whose normals three.js does not make up
-SAYS_QUALITY, SAYS_SIZE, SAYS_COLOUR = r"\bdB\b|quality|fidelity", r"larger|bigger", r"many viewers show them darker"
-# Losses that change no picture of a still model, and warnings that tell of a changed one.
+SAYS_QUALITY, SAYS_SIZE = r"\bdB\b|quality|fidelity", r"larger|bigger"
+# Losses that change no picture of a still model, and words of a warning that something is lost.
 LOOKLESS = (r"animation|skin|joint|camera|\blights?\b|extras|hierarchy|\bnodes?\b|copyright|\bnames?\b|variant|scene|user data|"
-            r"\bpoints\b|\blines\b|generator|metadata|faces without area")
-SAYS_LOST = r"not found|not read|cannot|ignored|\blost\b|missing|guess|skipped|not supported|does not exist|left out|unknown|broken"
+            r"\bpoints\b|\blines\b|generator|metadata|^(?:Ns|Ka|Ks|Ni|Tf|illum|sharpness) of material")
+SAYS_LOST = (r"not found|not read|cannot|ignored|\blost\b|missing|guess|skipped|not supported|does not exist|left out|unreadable|"
+             r"broken")
 REFUSALS = (EXIT_IO, EXIT_SUPPORT, EXIT_LIMIT)
 
 INTERNAL, TOO_LONG, NOT_JSON = "internal error", "too long", "no strict JSON"
@@ -38,7 +39,7 @@ def findings_of(row):
     said += [f"{effect['channel']}: {effect['reasons']}" for effect in row["encode"]["report"].get("effects", [])]
     warned = " ".join(row["encode"]["report"].get("warnings", []) + row["decode"]["report"].get("warnings", []))
     findings += _of_bytes(row["bytes"], warned) + _of_validator(row["validator"]) + _of_measure(row, said, warned)
-    return findings + _of_losses(row) + _of_picture(row, said)
+    return findings + _of_losses(row) + _of_picture(row)
 
 
 def _of_tool(step, run):
@@ -96,8 +97,10 @@ def _of_measure(row, said, warned):
 
 def losses_of(row):
     """Losses that a row's reports name, of those that a picture of a still model could show."""
-    named = [text for step in ("encode", "decode") for kind in ("dropped", "warnings") for text in row[step]["report"].get(kind, [])]
-    return [text for text in named if not re.search(LOOKLESS, text, re.IGNORECASE)]
+    reports = [row[step]["report"] for step in ("encode", "decode")]
+    named = [text for report in reports for text in report.get("dropped") or [] if not re.search(LOOKLESS, text, re.IGNORECASE)]
+    warned = [text for report in reports for text in report.get("warnings") or []]
+    return named + [text for text in warned if re.search(f"{SAYS_LOST}|{SAYS_QUALITY}", text)]
 
 
 def _of_losses(row):
@@ -113,10 +116,10 @@ def least_picture(shown, is_shaded=True):
     return min((value for value in values if value is not None), default=math.inf)
 
 
-def _of_picture(row, said):
+def _of_picture(row):
     """What three.js shows otherwise, without a word about it; what it cannot load falls short of nothing."""
     shown, is_shaded = row.get("picture", {}), row["name"].lower().endswith(SHADED)
-    if not shown or "error" in shown or re.search(SAYS_COLOUR, " ".join(said)) or losses_of(row):
+    if not shown or "error" in shown or losses_of(row):
         return []
     if least_picture(shown, is_shaded) < LEAST_PICTURE:
         figures = ", ".join(f"{key} {shown[key]:.1f}" for key in ("flat", "lit", "full", "inner") if shown[key] is not None)

@@ -1,10 +1,11 @@
 """Generated files in each of which one property is the only thing that shows: each coded, decoded, and drawn by another program.
 
-python -m proof.strangers.kinds [--cache out/strangers] [--only WORD...] [--rows FILE.jsonl] [--jobs N]
+python -m proof.strangers.kinds [--cache out/strangers] [--only WORD...] [--rows FILE.jsonl]
 
-A row tells the property, the program that shows it (three.js by its own loader of the format; assimp, whose GLB three.js draws; or
-construction: three.js draws a GLB that was made to look the same), dB of its picture without the property ("shows"), dB of the decoded
-GLB's picture ("decoded"), and the losses that the encoder names. Exit code 7: a property is lost and no loss is named.
+A row tells the property, the program that shows it ("like"), dB of that program's picture against the one without the property
+("shows"), dB of the decoded GLB's picture ("decoded"), and the losses that the encoder names. The program is three.js by its own
+loader of the format; assimp, whose GLB three.js draws; or construction: three.js draws a GLB that was made to look the same. Exit
+code 7: a property is lost and no loss is named.
 """
 
 import argparse
@@ -14,7 +15,6 @@ import re
 import shutil
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from proof.strangers.judge import LEAST_PICTURE, least_picture, losses_of, reason_of
@@ -23,8 +23,7 @@ from proof.strangers.kinds_text import dae_kinds, obj_kinds, ply_kinds
 from proof.strangers.listing import Stranger
 from proof.strangers.pictures import draw_pairs
 from proof.strangers.rows import add_row
-from proof.strangers.run import Room, code_stranger
-from texfcodec.batch.children import Children
+from proof.strangers.run import Inside, code_stranger
 from texfcodec.errors import EXIT_DIFFERS, EXIT_INTERNAL
 
 FORMATS = {"glTF": gltf_kinds, "OBJ and MTL": obj_kinds, "PLY": ply_kinds, "COLLADA": dae_kinds}
@@ -36,7 +35,8 @@ def write_kind(label, kind, cache):
     """(Stranger, path without the property, path of the expected picture's file), the last two below the cache."""
     folder = Path("files") / "kinds" / f"{re.sub(r'[^A-Za-z0-9_-]+', '_', label)}-1"
     shutil.rmtree(cache / folder, ignore_errors=True)
-    for part, files in (("with", kind.files), ("without", kind.without), ("like", {"model.glb": kind.expected} if kind.expected else {})):
+    like = {"model.glb": kind.expected} if kind.expected else {}
+    for part, files in (("with", kind.files), ("without", kind.without), ("like", like)):
         for name, data in files.items():
             (cache / folder / part / name).parent.mkdir(parents=True, exist_ok=True)
             (cache / folder / part / name).write_bytes(data)
@@ -58,16 +58,11 @@ def _by_assimp(cache, path):
 
 def run_kinds(kinds, args):
     """[row] of {label: Kind}, with pictures."""
-    children, rows = Children(), []
-
-    def coded(item):
-        label, kind = item
+    rows = []
+    for label, kind in kinds.items():
         stranger, without, expected = write_kind(label, kind, args.cache)
-        row = code_stranger(stranger, args, None, args.cache / "coded" / "kinds", lambda folder: Room(folder, args, children))
-        return row | {"like": kind.like, "without": without, "expected": expected}
-
-    with ThreadPoolExecutor(args.jobs) as pool:
-        rows = list(pool.map(coded, kinds.items()))
+        row = code_stranger(stranger, args, None, args.cache / "coded" / "kinds", Inside)
+        rows.append(row | {"like": kind.like, "without": without, "expected": expected})
     pairs = [{"source": row["expected"], "mesh": row["without"], "text": row["name"]} for row in rows]
     pairs += [{"source": row["expected"], "mesh": row["mesh"], "text": row["name"]} for row in rows]
     shown = draw_pairs(pairs, args.cache, args.cache / "pictures-kinds")
@@ -101,9 +96,8 @@ def main(arguments=None):
     parser.add_argument("--cache", type=Path, default=Path("out/strangers"), metavar="DIR")
     parser.add_argument("--only", action="append", metavar="WORD", help="properties whose name holds it; repeatable")
     parser.add_argument("--rows", type=Path, metavar="FILE.jsonl", help="[default: kinds.jsonl in the cache]")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="at a time")
     args = parser.parse_args(arguments)
-    args.rate, args.seconds, args.memory = RATE, 300, 6 << 30
+    args.rate = RATE
     kinds = {f"{form}: {name}": kind for form, of in FORMATS.items() for name, kind in of().items()}
     chosen = {label: kind for label, kind in kinds.items() if not args.only or any(word in label for word in args.only)}
     rows = run_kinds(chosen, args)

@@ -1,4 +1,4 @@
-"""glTF files in each of which one property is the only thing that shows: {property: Kind}, and the surface that all formats share."""
+"""glTF files in each of which one property is the only thing that shows, and the surface that all formats share."""
 
 import io
 import json
@@ -90,8 +90,15 @@ class Gltf:
 
     def __init__(self):
         self.blob = b""
-        self.tree = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
-                     "meshes": [{"primitives": [{"attributes": {}}]}], "accessors": [], "bufferViews": []}
+        self.tree = {
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {}}]}],
+            "accessors": [],
+            "bufferViews": [],
+        }
 
     def add(self, key, entry):
         self.tree.setdefault(key, []).append(entry)
@@ -109,8 +116,14 @@ class Gltf:
         data = np.pad(rows.view(np.uint8), ((0, 0), (0, -rows.itemsize * width % 4))) if array.ndim > 1 else rows
         stride = {"byteStride": data.shape[1]} if array.ndim > 1 and data.shape[1] > rows.itemsize * width else {}
         limits = {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()}
-        entry = {"bufferView": self.view(data.tobytes(), **stride), "count": len(rows), "type": TYPES[width], **limits, **more,
-                 "componentType": COMPONENTS[array.dtype.str[1:]]}
+        entry = {
+            "bufferView": self.view(data.tobytes(), **stride),
+            "count": len(rows),
+            "type": TYPES[width],
+            **limits,
+            **more,
+            "componentType": COMPONENTS[array.dtype.str[1:]],
+        }
         return self.add("accessors", entry | ({"normalized": True} if normalized else {}))
 
     def resolved(self, item):
@@ -167,8 +180,8 @@ def coloured(texture=None, **more):
     return {**base(baseColorTexture=texture or Texture(picture())), **more}
 
 
-def _extension(name, value, **more):
-    return {"extensions": {name: value}, **more}
+def _extension(name, value):
+    return {"extensions": {name: value}}
 
 
 def _materials():
@@ -187,44 +200,78 @@ def _materials():
         "PNG of 16 bits": (coloured(Texture(picture(mode="I;16"))), plain),
         "PNG with a palette": (coloured(Texture(picture(mode="P"))), plain),
         "PNG interlaced name of JPEG": (coloured(Texture(png, "image/jpeg")), plain),
-        **{f"EXIF orientation {n}": (coloured(Texture(turned(n), "image/jpeg")), coloured(Texture(jpeg, "image/jpeg"))) for n in (3, 6)},
+        **{
+            f"EXIF orientation {n}": (coloured(Texture(turned(n), "image/jpeg")), coloured(Texture(jpeg, "image/jpeg")))
+            for n in (3, 6)
+        },
         "factor times texture": (base(baseColorTexture=Texture(png), baseColorFactor=[0.2, 1, 0.4, 1]), coloured()),
-        "wrap mirrored": _wrapped(33648), "wrap clamped": _wrapped(33071),
+        "wrap mirrored": _wrapped(33648),
+        "wrap clamped": _wrapped(33071),
         "KHR_texture_transform": (coloured(Texture(png, info=_extension("KHR_texture_transform", moved))), coloured()),
         "doubleSided": ({**plain, "doubleSided": True}, plain),
         "alphaMode MASK": (coloured(Texture(picture(mode="RGBA")), alphaMode="MASK"), coloured(Texture(picture(mode="RGBA")))),
-        "alphaCutoff": (coloured(Texture(picture(mode="RGBA")), alphaMode="MASK", alphaCutoff=0.1),
-                        coloured(Texture(picture(mode="RGBA")), alphaMode="MASK")),
+        "alphaCutoff": (
+            coloured(Texture(picture(mode="RGBA")), alphaMode="MASK", alphaCutoff=0.1),
+            coloured(Texture(picture(mode="RGBA")), alphaMode="MASK"),
+        ),
         "alphaMode BLEND": (coloured(Texture(picture(mode="RGBA")), alphaMode="BLEND"), coloured(Texture(picture(mode="RGBA")))),
         "factor alpha": ({**base(baseColorFactor=[1, 0, 0, 0.3]), "alphaMode": "BLEND"}, base(baseColorFactor=[1, 0, 0, 1])),
         "normalTexture": ({**plain, "normalTexture": Texture(bumps())}, plain),
-        "normalTexture scale": ({**plain, "normalTexture": Texture(bumps(), info={"scale": 3})}, {**plain, "normalTexture": Texture(bumps())}),
+        "normalTexture scale": (
+            {**plain, "normalTexture": Texture(bumps(), info={"scale": 3})},
+            {**plain, "normalTexture": Texture(bumps())},
+        ),
         "metallicFactor": (base(metallicFactor=1.0, roughnessFactor=0.3), base(roughnessFactor=0.3)),
         "roughnessFactor": (base(metallicFactor=1.0, roughnessFactor=0.05), base(metallicFactor=1.0)),
-        "metallicRoughnessTexture": (base(metallicRoughnessTexture=Texture(png), metallicFactor=1.0, roughnessFactor=1.0),
-                                     base(metallicFactor=1.0, roughnessFactor=1.0)),
+        "metallicRoughnessTexture": (
+            base(metallicRoughnessTexture=Texture(png), metallicFactor=1.0, roughnessFactor=1.0),
+            base(metallicFactor=1.0, roughnessFactor=1.0),
+        ),
         "occlusionTexture": ({**plain, "occlusionTexture": Texture(picture(mode="L"))}, plain),
-        "occlusionTexture strength": ({**plain, "occlusionTexture": Texture(picture(mode="L"), info={"strength": 0.2})},
-                                      {**plain, "occlusionTexture": Texture(picture(mode="L"))}),
+        "occlusionTexture strength": (
+            {**plain, "occlusionTexture": Texture(picture(mode="L"), info={"strength": 0.2})},
+            {**plain, "occlusionTexture": Texture(picture(mode="L"))},
+        ),
         "emissiveFactor": ({**grey, "emissiveFactor": [0.9, 0.1, 0.4]}, grey),
         "emissiveTexture": ({**grey, "emissiveTexture": Texture(png), "emissiveFactor": [1, 1, 1]}, grey),
         "KHR_materials_emissive_strength": (
-            {**grey, "emissiveFactor": [0.1, 0.05, 0.02], **_extension("KHR_materials_emissive_strength", {"emissiveStrength": 8})},
-            {**grey, "emissiveFactor": [0.1, 0.05, 0.02]}),
+            {
+                **grey,
+                "emissiveFactor": [0.1, 0.05, 0.02],
+                **_extension("KHR_materials_emissive_strength", {"emissiveStrength": 8}),
+            },
+            {**grey, "emissiveFactor": [0.1, 0.05, 0.02]},
+        ),
         "KHR_materials_unlit": ({**coloured(), **_extension("KHR_materials_unlit", {})}, coloured()),
         "KHR_materials_specular": ({**grey, **_extension("KHR_materials_specular", {"specularColorFactor": [9, 0, 0]})}, grey),
         "KHR_materials_ior": ({**grey, **_extension("KHR_materials_ior", {"ior": 3})}, grey),
         "KHR_materials_clearcoat": ({**grey, **_extension("KHR_materials_clearcoat", {"clearcoatFactor": 1})}, grey),
-        "KHR_materials_sheen": ({**grey, **_extension("KHR_materials_sheen", {"sheenColorFactor": [1, 0, 1], "sheenRoughnessFactor": 0.5})}, grey),
+        "KHR_materials_sheen": (
+            {**grey, **_extension("KHR_materials_sheen", {"sheenColorFactor": [1, 0, 1], "sheenRoughnessFactor": 0.5})},
+            grey,
+        ),
         "KHR_materials_transmission": ({**plain, **_extension("KHR_materials_transmission", {"transmissionFactor": 1})}, plain),
-        "KHR_materials_iridescence": ({**base(metallicFactor=1.0, roughnessFactor=0.2), **_extension("KHR_materials_iridescence", {"iridescenceFactor": 1})},
-                                      base(metallicFactor=1.0, roughnessFactor=0.2)),
-        "KHR_materials_anisotropy": ({**base(metallicFactor=1.0, roughnessFactor=0.4), **_extension("KHR_materials_anisotropy", {"anisotropyStrength": 1})},
-                                     base(metallicFactor=1.0, roughnessFactor=0.4)),
+        "KHR_materials_iridescence": (
+            {
+                **base(metallicFactor=1.0, roughnessFactor=0.2),
+                **_extension("KHR_materials_iridescence", {"iridescenceFactor": 1}),
+            },
+            base(metallicFactor=1.0, roughnessFactor=0.2),
+        ),
+        "KHR_materials_anisotropy": (
+            {
+                **base(metallicFactor=1.0, roughnessFactor=0.4),
+                **_extension("KHR_materials_anisotropy", {"anisotropyStrength": 1}),
+            },
+            base(metallicFactor=1.0, roughnessFactor=0.4),
+        ),
     }
     pairs = {name: tuple(glb(material, both) for material in row) for name, row in table.items()}
     sets = {**both, "TEXCOORD_1": np.ascontiguousarray(UVS[:, ::-1] * 2)}
-    for name, info in (("texCoord 1", {"texCoord": 1}), ("texCoord of KHR_texture_transform", _extension("KHR_texture_transform", {"texCoord": 1}))):
+    for name, info in (
+        ("texCoord 1", {"texCoord": 1}),
+        ("texCoord of KHR_texture_transform", _extension("KHR_texture_transform", {"texCoord": 1})),
+    ):
         pairs[name] = tuple(glb(coloured(Texture(png, info=use)), sets) for use in (info, {}))
     return pairs
 
@@ -243,6 +290,7 @@ def _edited(material=None, attributes=None, **edits):
 def _node(**entry):
     def edit(g):
         g.tree["nodes"] = [{"children": [1]}, {"mesh": 0, **entry}]
+
     return _edited(coloured(), None, edit=edit)
 
 
@@ -264,27 +312,40 @@ def _surfaces():
 
     soup = FACES.ravel()
     return {
-        "NORMAL": coded({"NORMAL": tilted}), "no NORMAL": (glb(plain, {"TEXCOORD_0": UVS}), glb(plain)),
+        "NORMAL": coded({"NORMAL": tilted}),
+        "no NORMAL": (glb(plain, {"TEXCOORD_0": UVS}), glb(plain)),
         "NORMAL as bytes": coded({"NORMAL": (np.round(tilted * 127).astype(np.int8), True)}),
         "TANGENT": coded({"TANGENT": flipped}, {"TANGENT": tangents}, bumpy),
-        "COLOR_0 float": coded({"COLOR_0": COLOURS}), "COLOR_0 u1": coded({"COLOR_0": (np.round(COLOURS * 255).astype(np.uint8), True)}),
+        "COLOR_0 float": coded({"COLOR_0": COLOURS}),
+        "COLOR_0 u1": coded({"COLOR_0": (np.round(COLOURS * 255).astype(np.uint8), True)}),
         "COLOR_0 u2": coded({"COLOR_0": (np.round(COLOURS * 65535).astype(np.uint16), True)}),
         "COLOR_0 above one": coded({"COLOR_0": (COLOURS * 1.01).astype(np.float32)}),
         "COLOR_0 times texture": coded({"COLOR_0": COLOURS}, material=coloured()),
         "COLOR_0 alpha": coded({"COLOR_0": rgba}, {"COLOR_0": rgba[:, :3].copy()}, {**plain, "alphaMode": "BLEND"}),
         "TEXCOORD_0 as u2": coded({"TEXCOORD_0": (np.round(UVS[:, ::-1] * 65535).astype(np.uint16), True)}, material=coloured()),
-        "POSITION as i2": _quantized(), "no indices": _unlike(faces=None, positions=POSITIONS[soup],
-                                                              attributes={"NORMAL": NORMALS[soup], "TEXCOORD_0": UVS[soup, ::-1].copy()}),
-        "indices of 32 bits": _unlike(faces=FACES.astype(np.uint32)[:200]), "indices of 8 bits": _unlike(faces=FACES.astype(np.uint8)[:200]),
+        "POSITION as i2": _quantized(),
+        "no indices": _unlike(
+            faces=None, positions=POSITIONS[soup], attributes={"NORMAL": NORMALS[soup], "TEXCOORD_0": UVS[soup, ::-1].copy()}
+        ),
+        "indices of 32 bits": _unlike(faces=FACES.astype(np.uint32)[:200]),
+        "indices of 8 bits": _unlike(faces=FACES.astype(np.uint8)[:200]),
         "triangle strip": _strip(5, [SIDE * (i % 2) + i // 2 for i in range(2 * SIDE)]),
-        "triangle fan": _strip(6, [0, 1, SIDE + 1, SIDE]), "sparse accessor": _edited(coloured(), edit=_sparse),
-        "node translation and scale": _node(translation=[0.5, 0, 0], scale=[0.5, 2, 1]), "node rotation": _node(rotation=[0, 0.5, 0, 0.866]),
-        "node matrix": _node(matrix=[0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 0.5, 0, 0, 1]), "node mirrored": _node(scale=[-1, 1, 1]),
-        "two nodes of one mesh": _edited(coloured(), edit=lambda g: g.tree.update(
-            nodes=[{"children": [1, 2]}, {"mesh": 0}, {"mesh": 0, "translation": [0.4, 1.5, 0]}])),
-        "EXT_mesh_gpu_instancing": _edited(coloured(), edit=_instanced), "scene of choice": _edited(coloured(), edit=_second_scene),
-        "morph weights": _edited(coloured(), edit=_morphed), "skin pose": _edited(coloured(), edit=_skinned),
-        "two primitives": _edited(coloured(), edit=_second_primitive), "default material": (glb(None), glb(base(baseColorFactor=[0.2, 0.2, 0.2, 1]))),
+        "triangle fan": _strip(6, [0, 1, SIDE + 1, SIDE]),
+        "sparse accessor": _edited(coloured(), edit=_sparse),
+        "node translation and scale": _node(translation=[0.5, 0, 0], scale=[0.5, 2, 1]),
+        "node rotation": _node(rotation=[0, 0.5, 0, 0.866]),
+        "node matrix": _node(matrix=[0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 0.5, 0, 0, 1]),
+        "node mirrored": _node(scale=[-1, 1, 1]),
+        "two nodes of one mesh": _edited(
+            coloured(),
+            edit=lambda g: g.tree.update(nodes=[{"children": [1, 2]}, {"mesh": 0}, {"mesh": 0, "translation": [0.4, 1.5, 0]}]),
+        ),
+        "EXT_mesh_gpu_instancing": _edited(coloured(), edit=_instanced),
+        "scene of choice": _edited(coloured(), edit=_second_scene),
+        "morph weights": _edited(coloured(), edit=_morphed),
+        "skin pose": _edited(coloured(), edit=_skinned),
+        "two primitives": _edited(coloured(), edit=_second_primitive),
+        "default material": (glb(None), glb(base(baseColorFactor=[0.2, 0.2, 0.2, 1]))),
     }
 
 
@@ -292,6 +353,7 @@ def _quantized():
     def edit(g):
         g.tree["nodes"] = [{"mesh": 0, "scale": [2, 2, 2]}]
         g.tree |= {"extensionsUsed": ["KHR_mesh_quantization"], "extensionsRequired": ["KHR_mesh_quantization"]}
+
     packed = np.round(POSITIONS / 2 * 32767).astype(np.int16)
     attributes = {"POSITION": (packed, True), "NORMAL": NORMALS, "TEXCOORD_0": UVS}
     return glb(coloured(), attributes, edit), glb(base(), attributes, edit)
@@ -300,14 +362,18 @@ def _quantized():
 def _strip(mode, indices):
     def edit(g):
         g.tree["meshes"][0]["primitives"][0] |= {"mode": mode, "indices": g.accessor(np.array(indices, np.uint16))}
+
     return _edited(coloured(), edit=edit)
 
 
 def _sparse(g):
     accessor = g.tree["accessors"][g.tree["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"]]
     rows = np.arange(0, len(UVS), 2, dtype=np.uint16)
-    accessor["sparse"] = {"count": len(rows), "indices": {"bufferView": g.view(rows.tobytes()), "componentType": 5123},
-                          "values": {"bufferView": g.view(np.full((len(rows), 2), 0.1, np.float32).tobytes())}}
+    accessor["sparse"] = {
+        "count": len(rows),
+        "indices": {"bufferView": g.view(rows.tobytes()), "componentType": 5123},
+        "values": {"bufferView": g.view(np.full((len(rows), 2), 0.1, np.float32).tobytes())},
+    }
 
 
 def _instanced(g):
@@ -331,8 +397,11 @@ def _skinned(g):
     joints = g.accessor(np.tile(np.uint8([0, 1, 0, 0]), (len(UVS), 1)))
     weights = g.accessor(np.hstack([1 - UVS[:, :1], UVS[:, :1], 0 * ONES, 0 * ONES]).astype(np.float32))
     g.tree["meshes"][0]["primitives"][0]["attributes"] |= {"JOINTS_0": joints, "WEIGHTS_0": weights}
-    g.tree |= {"nodes": [{"mesh": 0, "skin": 0}, {"children": [2]}, {"rotation": [0, 0.6, 0, 0.8], "translation": [0.3, 0.5, 0]}],
-               "skins": [{"joints": [1, 2]}], "scenes": [{"nodes": [0, 1]}]}
+    g.tree |= {
+        "nodes": [{"mesh": 0, "skin": 0}, {"children": [2]}, {"rotation": [0, 0.6, 0, 0.8], "translation": [0.3, 0.5, 0]}],
+        "skins": [{"joints": [1, 2]}],
+        "scenes": [{"nodes": [0, 1]}],
+    }
 
 
 def _second_primitive(g):
@@ -354,8 +423,10 @@ def _files():
     """{property: Kind} of what a .gltf file finds beside itself."""
     png = picture()
     kinds = {"image beside the file": "image.png", "image in a folder, percent-encoded": "maps/a%20b.png"}
-    return {name: Kind(_gltf(glb(coloured(Texture(png, uri=uri)))) | {uri.replace("%20", " "): png}, _gltf(glb(base())))
-            for name, uri in kinds.items()}
+    return {
+        name: Kind(_gltf(glb(coloured(Texture(png, uri=uri)))) | {uri.replace("%20", " "): png}, _gltf(glb(base())))
+        for name, uri in kinds.items()
+    }
 
 
 def gltf_kinds():

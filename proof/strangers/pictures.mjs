@@ -53,6 +53,10 @@ const READERS = {
       const materials = await new MTLLoader().setPath(folder).loadAsync(library.slice(folder.length)).catch(() => null);
       if (!materials) continue;
       materials.preload();
+      for (const { color, emissive } of Object.values(materials.materials)) {  // numbers as Blender writes them, linear, as texfcodec says
+        color.convertLinearToSRGB();
+        emissive.convertLinearToSRGB();
+      }
       Object.assign(all, materials.materials);
       loader.setMaterials(Object.assign(materials, { materials: all }));
     }
@@ -73,9 +77,9 @@ async function load(file) {
   const late = new Promise((_, fail) => setTimeout(() => fail(new Error('took longer than ${SECONDS} s')), ${SECONDS * 1000}));
   const model = await Promise.race([READERS[suffix]('/cache/' + file.split('/').map(encodeURIComponent).join('/')), late]);
   await idle();
-  const scene = new THREE.Scene(), sun = new THREE.DirectionalLight(0xffffff, 2);
+  const scene = Object.assign(new THREE.Scene(), { environmentIntensity: 0.4 }), sun = new THREE.DirectionalLight(0xffffff, 1.5);
   sun.position.set(1, 2, 3);
-  scene.add(model, sun, new THREE.HemisphereLight(0xffffff, 0x404040, 1.5));
+  scene.add(model, sun, new THREE.HemisphereLight(0xffffff, 0x404040, 0.8));
   return { scene, model, isGltf: suffix === 'glb' || suffix === 'gltf', absent: withoutAbsent(model) };
 }
 const PLAIN = ['map', 'alphaMap', 'color', 'side', 'alphaTest', 'transparent', 'opacity'];

@@ -16,9 +16,9 @@ WORST = 20  # pairs of the sheet "worst"
 
 
 def draw(rows, count, cache, rows_file):
-    """Rows with what three.js shows of `count` of them, evenly spread over those that were decoded. Sheets go to a folder of the
-    cache, the worst pairs once more to its folder "worst", and rows with pictures to the file. Raises SystemExit where nothing can
-    be drawn."""
+    """Rows with what three.js shows of `count` of them, evenly spread over those that were decoded. Sheets go to a folder of
+    the cache, the worst pairs once more to its folder "worst", and rows with pictures to the file. Raises SystemExit where
+    nothing can be drawn."""
     out = cache / f"pictures-{rows_file.stem}"
     drawable = [row for row in rows if "measure" in row and not row["name"].lower().endswith(".off")]
     chosen = [drawable[i * len(drawable) // min(count, len(drawable))] for i in range(min(count, len(drawable)))]

@@ -1,5 +1,7 @@
 """One model after the other, or some at a time: texf-enc, texf-dec, validator and comparison, each in a process of its own."""
 
+import contextlib
+import io
 import os
 import re
 import shutil
@@ -8,14 +10,17 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from pathlib import Path
 
 from proof.strangers.judge import findings_of, reason_of
+from proof.strangers.measure import measured
 from proof.strangers.rows import add_row, read_rows, strict_json
 from texfcodec.batch.children import WARM_UP, Caps, Children, Overdue
 from texfcodec.batch.local import terminated_as_interrupted
 from texfcodec.batch.task_progress import progress
 from texfcodec.batch.tasks import last_line, package_code
+from texfcodec.errors import EXIT_INTERNAL
 
 RATE = "r03"
 MEASURE = Path(__file__).with_name("measure.py")
@@ -124,6 +129,29 @@ class Room:
         is_read = isinstance(report, dict)
         return {"exit": code, "seconds": round(time.monotonic() - begin, 2), "report": report if is_read else default,
                 "json": "" if is_read else report, "log": last_line(log) if code != 0 else ""}
+
+
+class Inside:
+    """A Room whose steps run in this process, without caps: for files of our own, where most of the time would be starts."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def tool(self, name, *words):
+        out, log, begin, code = io.TextIOWrapper(io.BytesIO(), "utf-8"), io.StringIO(), time.monotonic(), EXIT_INTERNAL
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(log):
+            try:
+                import_module(f"texfcodec.cli.{name}").main(list(words))
+            except SystemExit as ended:
+                code = ended.code or 0
+        out.seek(0)
+        report = strict_json(out.read())
+        is_read = isinstance(report, dict)
+        return {"exit": code, "seconds": round(time.monotonic() - begin, 2), "report": report if is_read else {},
+                "json": "" if is_read else report, "log": log.getvalue()[-200:] if code else ""}
+
+    def run(self, words, default):
+        return {"exit": 0, "seconds": 0.0, "report": measured(*words[1:]), "json": "", "log": ""}
 
 
 def _validated(mesh, modules):

@@ -66,10 +66,11 @@ def run_kinds(kinds, args):
     pairs = [{"source": row["expected"], "mesh": row["without"], "text": row["name"]} for row in rows]
     pairs += [{"source": row["expected"], "mesh": row["mesh"], "text": row["name"]} for row in rows]
     shown = draw_pairs(pairs, args.cache, args.cache / "pictures-kinds")
-    return [_judged(row, *pictures) for row, *pictures in zip(rows, shown[: len(rows)], shown[len(rows) :], strict=True)]
+    return [judged(row, *pictures) for row, *pictures in zip(rows, shown[: len(rows)], shown[len(rows) :], strict=True)]
 
 
-def _judged(row, control, picture):
+def judged(row, control, picture):
+    """The row of a kind. control, picture: what three.js shows of the expected file beside the one without, and the decoded."""
     exits, losses = [row[step]["exit"] for step in ("encode", "decode") if step in row], losses_of(row) if "decode" in row else []
     shows, decoded = (_decibels(one) for one in (control, picture))
     refused = "measure" not in row

@@ -16,10 +16,11 @@ LEAST_PICTURE, LEAST_COVER = 30.0, 0.9  # dB and shared pixels of two pictures o
 SHADED = (".glb", ".gltf", ".obj", ".dae")  # formats whose normals three.js does not make up
 SAYS_QUALITY, SAYS_SIZE = r"\bdB\b|quality|fidelity", r"larger|bigger"
 # Losses that change no picture of a still model, and words of a warning that something is lost.
-LOOKLESS = (r"animation|skin|joint|camera|\blights?\b|extras|hierarchy|\bnodes?\b|copyright|\bnames?\b|variant|scene|user data|"
-            r"\bpoints\b|\blines\b|generator|metadata|^(?:Ns|Ka|Ks|Ni|Tf|illum|sharpness) of material")
+LOOKLESS = (r"animation|skin|joint|camera|\blights?\b|extras|hierarchy|(?<!of )\bnodes?\b|copyright|\bnames?\b|variant|scene|"
+            r"user data|\bpoints\b|\blines\b|generator|metadata|"
+            r"^(?:Ns|Ka|Ks|Ni|Tf|illum|sharpness|specular|shininess|ambient|index_of_refraction) of material")
 SAYS_LOST = (r"not found|not read|cannot|ignored|\blost\b|missing|guess|skipped|not supported|does not exist|left out|unreadable|"
-             r"broken")
+             r"broken|not applied")
 REFUSALS = (EXIT_IO, EXIT_SUPPORT, EXIT_LIMIT)
 
 INTERNAL, TOO_LONG, NOT_JSON = "internal error", "too long", "no strict JSON"

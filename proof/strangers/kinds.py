@@ -26,9 +26,16 @@ from proof.strangers.rows import add_row
 from proof.strangers.run import Inside, code_stranger
 from texfcodec.errors import EXIT_DIFFERS, EXIT_INTERNAL
 
-FORMATS = {"glTF": gltf_kinds, "OBJ and MTL": obj_kinds, "PLY": ply_kinds, "COLLADA": dae_kinds}
+FORMATS = {"COLLADA": dae_kinds, "OBJ and MTL": obj_kinds, "PLY": ply_kinds, "glTF": gltf_kinds}
 RATE, INERT = "r04", 38.0  # dB; above it the other program does not show the property either
 OK, NAMED, FAULT, UNSHOWN, ERROR = "ok", "named", "FAULT", "not shown", "INTERNAL ERROR"
+
+
+class Unmeasured(Inside):
+    """Kinds are judged by pictures."""
+
+    def run(self, words, default):
+        return {"exit": 0, "seconds": 0.0, "report": {"parts": [], "size": 0.0, "holds": []}, "json": "", "log": ""}
 
 
 def write_kind(label, kind, cache):
@@ -56,16 +63,16 @@ def _by_assimp(cache, path):
     return made
 
 
-def run_kinds(kinds, args):
-    """[row] of {label: Kind}, with pictures."""
+def run_kinds(form, kinds, args):
+    """[row] of {label: Kind} of a format, with pictures."""
     rows = []
     for label, kind in kinds.items():
         stranger, without, expected = write_kind(label, kind, args.cache)
-        row = code_stranger(stranger, args, None, args.cache / "coded" / "kinds", Inside)
+        row = code_stranger(stranger, args, None, args.cache / "coded" / "kinds", Unmeasured)
         rows.append(row | {"like": kind.like, "without": without, "expected": expected})
     pairs = [{"source": row["expected"], "mesh": row["without"], "text": row["name"]} for row in rows]
     pairs += [{"source": row["expected"], "mesh": row["mesh"], "text": row["name"]} for row in rows]
-    shown = draw_pairs(pairs, args.cache, args.cache / "pictures-kinds")
+    shown = draw_pairs(pairs, args.cache, args.cache / f"pictures-kinds-{form[:3]}")
     return [judged(row, *pictures) for row, *pictures in zip(rows, shown[: len(rows)], shown[len(rows) :], strict=True)]
 
 
@@ -83,8 +90,8 @@ def judged(row, control, picture):
 
 
 def _decibels(shown):
-    """The least of a picture's dB, whose shape counts too: NaN where it was not drawn."""
-    return float("nan") if "error" in shown else min(least_picture(shown), 20.0 if shown["size"] > 0.02 else 99.0)
+    """The least of a picture's dB, 99 at most; NaN where it was not drawn."""
+    return float("nan") if "error" in shown else min(least_picture(shown), 99.0)
 
 
 def _finite(value):
@@ -97,16 +104,23 @@ def main(arguments=None):
     parser.add_argument("--cache", type=Path, default=Path("out/strangers"), metavar="DIR")
     parser.add_argument("--only", action="append", metavar="WORD", help="properties whose name holds it; repeatable")
     parser.add_argument("--rows", type=Path, metavar="FILE.jsonl", help="[default: kinds.jsonl in the cache]")
+    parser.add_argument("--effort", default="fast", help="of the encoder")
     args = parser.parse_args(arguments)
     args.rate = RATE
-    kinds = {f"{form}: {name}": kind for form, of in FORMATS.items() for name, kind in of().items()}
+    verdicts = [row["verdict"] for form in FORMATS for row in _run_format(form, args)]
+    return EXIT_DIFFERS if {FAULT, ERROR} & set(verdicts) else os.EX_OK
+
+
+def _run_format(form, args):
+    """Rows of the chosen kinds of a format, written and printed."""
+    kinds = {f"{form}: {name}": kind for name, kind in FORMATS[form]().items()}
     chosen = {label: kind for label, kind in kinds.items() if not args.only or any(word in label for word in args.only)}
-    rows = run_kinds(chosen, args)
+    rows = run_kinds(form, chosen, args) if chosen else []
     for row in rows:
         add_row(args.rows or args.cache / "kinds.jsonl", row)
         print(f"{row['verdict']:14} {row['name']} ({row['like']}): {row['decoded']} dB, without it {row['shows']} dB"
-              f"{'; ' + row['losses'][0][:110] if row['losses'] else ''}{' ' + row['error'] if row['error'] else ''}")
-    return EXIT_DIFFERS if any(row["verdict"] in (FAULT, ERROR) for row in rows) else os.EX_OK
+              f"{'; ' + row['losses'][0][:110] if row['losses'] else ''}{' ' + row['error'] if row['error'] else ''}", flush=True)
+    return rows
 
 
 if __name__ == "__main__":

@@ -25,7 +25,8 @@ class Kind:
 
 
 def patch():
-    """A bent patch without any symmetry: positions, normals, UVs (float32 (n, .)), faces (uint16 (m, 3))."""
+    """A bent patch without any symmetry: positions, normals, UVs (float32 (n, .), clear of the edges of a picture, where its
+    repetition shows), faces (uint16 (m, 3))."""
     u, v = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 1, SIDE), np.linspace(0, 1, SIDE)))
     x, y = 2 * u - 1, 1.4 * v - 0.5
     normals = np.stack([-0.8 * np.cos(2 * x), -0.6 * y, np.ones_like(x)], axis=1)
@@ -34,12 +35,18 @@ def patch():
     quads = np.stack([corner, corner + 1, corner + SIDE + 1, corner + SIDE], axis=1)
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.uint16)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return positions.astype(np.float32), normals.astype(np.float32), np.stack([u, 1 - v], 1).astype(np.float32), faces
+    return (
+        positions.astype(np.float32),
+        normals.astype(np.float32),
+        np.stack([0.03 + 0.94 * u, 0.97 - 0.94 * v], 1).astype(np.float32),
+        faces,
+    )
 
 
 POSITIONS, NORMALS, UVS, FACES = patch()
 COLOURS = np.stack([UVS[:, 0], 0.2 + 0.6 * UVS[:, 1], 1 - UVS[:, 0]], axis=1).astype(np.float32)
 ONES = np.ones((len(UVS), 1), np.float32)
+TANGENTS = np.hstack([np.tile(np.float32([1, 0, 0]), (len(UVS), 1)), ONES])
 RAMP = np.linspace(0, 255, 64)
 
 
@@ -253,10 +260,10 @@ def _materials():
         "KHR_materials_transmission": ({**plain, **_extension("KHR_materials_transmission", {"transmissionFactor": 1})}, plain),
         "KHR_materials_iridescence": (
             {
-                **base(metallicFactor=1.0, roughnessFactor=0.2),
-                **_extension("KHR_materials_iridescence", {"iridescenceFactor": 1}),
+                **base(baseColorFactor=[0.3, 0.3, 0.3, 1], roughnessFactor=0.2),
+                **_extension("KHR_materials_iridescence", {"iridescenceFactor": 1, "iridescenceIor": 2.3}),
             },
-            base(metallicFactor=1.0, roughnessFactor=0.2),
+            base(baseColorFactor=[0.3, 0.3, 0.3, 1], roughnessFactor=0.2),
         ),
         "KHR_materials_anisotropy": (
             {
@@ -266,7 +273,10 @@ def _materials():
             base(metallicFactor=1.0, roughnessFactor=0.4),
         ),
     }
-    pairs = {name: tuple(glb(material, both) for material in row) for name, row in table.items()}
+    framed = {**both, "TANGENT": TANGENTS}  # three.js makes up tangents that are longer along the shorter side
+    pairs = {
+        name: tuple(glb(material, framed if "normalTexture" in name else both) for material in row) for name, row in table.items()
+    }
     sets = {**both, "TEXCOORD_1": np.ascontiguousarray(UVS[:, ::-1] * 2)}
     for name, info in (
         ("texCoord 1", {"texCoord": 1}),
@@ -304,8 +314,7 @@ def _surfaces():
     plain, tilted = base(), (NORMALS + [0.9, 0.5, 0]).astype(np.float32)
     tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
     both, rgba = {"NORMAL": NORMALS, "TEXCOORD_0": UVS}, np.hstack([COLOURS, 0.2 + 0.7 * UVS[:, :1]]).astype(np.float32)
-    tangents = np.hstack([np.tile(np.float32([1, 0, 0]), (len(UVS), 1)), ONES])
-    flipped, bumpy = tangents * np.float32([1, 1, 1, -1]), {**plain, "normalTexture": Texture(bumps())}
+    flipped, bumpy = TANGENTS * np.float32([1, 1, 1, -1]), {**plain, "normalTexture": Texture(bumps())}
 
     def coded(attributes, without=None, material=plain):
         return glb(material, {**both, **attributes}), glb(material, {**both, **(without or {})})
@@ -313,9 +322,9 @@ def _surfaces():
     soup = FACES.ravel()
     return {
         "NORMAL": coded({"NORMAL": tilted}),
-        "no NORMAL": (glb(plain, {"TEXCOORD_0": UVS}), glb(plain)),
+        "no NORMAL": (glb(plain, {"TEXCOORD_0": UVS}), glb(plain, {**both, "NORMAL": tilted})),
         "NORMAL as bytes": coded({"NORMAL": (np.round(tilted * 127).astype(np.int8), True)}),
-        "TANGENT": coded({"TANGENT": flipped}, {"TANGENT": tangents}, bumpy),
+        "TANGENT": coded({"TANGENT": flipped}, {"TANGENT": TANGENTS}, bumpy),
         "COLOR_0 float": coded({"COLOR_0": COLOURS}),
         "COLOR_0 u1": coded({"COLOR_0": (np.round(COLOURS * 255).astype(np.uint8), True)}),
         "COLOR_0 u2": coded({"COLOR_0": (np.round(COLOURS * 65535).astype(np.uint16), True)}),

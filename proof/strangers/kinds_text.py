@@ -2,7 +2,21 @@
 
 import numpy as np
 
-from proof.strangers.kinds_gltf import COLOURS, FACES, NORMALS, POSITIONS, SIDE, UVS, Kind, base, bumps, coloured, glb, picture
+from proof.strangers.kinds_gltf import (
+    COLOURS,
+    FACES,
+    NORMALS,
+    POSITIONS,
+    SIDE,
+    UVS,
+    Kind,
+    Texture,
+    base,
+    bumps,
+    coloured,
+    glb,
+    picture,
+)
 
 QUADS = [[a, a + 1, a + SIDE + 1, a + SIDE] for row in range(SIDE - 1) for a in range(row * SIDE, row * SIDE + SIDE - 1)]
 RED, WHITE = "newmtl m\nKd 0.9 0.1 0.1\n", "newmtl m\nKd 1 1 1\n"
@@ -55,7 +69,7 @@ def obj_kinds():
         "map_Kd": _mtl(MAPPED, **png),
         "Kd times map_Kd": _mtl(RED + "map_Kd a.png\n", MAPPED, **png),
         "map_Kd -s": _mtl(WHITE + "map_Kd -s 2 3 1 a.png\n", MAPPED, **png),
-        "map_Kd -o": _mtl(WHITE + "map_Kd -o 0.4 0.2 a.png\n", MAPPED, **png),
+        "map_Kd -o": _mtl(WHITE + "map_Kd -o 0.4 0.2 0 a.png\n", MAPPED, **png),
         "map_Kd name with spaces": _mtl(WHITE + "map_Kd a b.png\n", **{"a b.png": picture()}),
         "map_Kd in a folder": _mtl(WHITE + "map_Kd maps/a.png\n", **{"maps/a.png": picture()}),
         "map_Kd with backslashes": _named("map_Kd maps\\a.png\n", {"maps/a.png": picture()}, look),
@@ -79,7 +93,7 @@ def obj_kinds():
         "map_Bump": _mtl(WHITE + "map_Bump -bm 1 b.png\n", **bump),
         "Pm and Pr": Kind(
             {"model.obj": obj(), "a.mtl": (WHITE + "Pm 1\nPr 0.2\n").encode()},
-            {"model.obj": obj(), "a.mtl": WHITE.encode()},
+            {"model.glb": glb(base())},
             "construction",
             glossy,
         ),
@@ -109,9 +123,8 @@ def obj_kinds():
             expected=glb(base(), {"NORMAL": NORMALS, "TEXCOORD_0": UVS, "COLOR_0": _linear(COLOURS)}),
         ),
         "vn": _obj(obj(normals=tilted), mtl=WHITE),
-        "f without vn": _obj(obj("{0}/{0}"), mtl=WHITE),
         "negative indices": _obj(obj("{1}/{1}/{1}"), obj(use="")),
-        "f with vn alone": _obj(obj("{0}//{0}"), obj("{0}/{0}/{0}")),
+        "f with vn alone": _obj(obj("{0}//{0}", normals=tilted), obj("{0}//{0}"), WHITE),
         "polygon of five corners": _obj(obj(between="f 1/1/1 13/13/13 169/169/169 163/163/163 157/157/157\n")),
         "lines joined by a backslash": _obj(obj().replace(b"f 1/1/1 2/2/2", b"f 1/1/1 \\\n2/2/2"), obj(use="")),
         "ends of lines of Windows": Kind(
@@ -119,7 +132,12 @@ def obj_kinds():
             {"model.obj": obj(), "a.mtl": WHITE.encode()},
         ),
         "byte order mark": _obj(b"\xef\xbb\xbf" + obj(), obj(use=""), like="construction", expected=lit),
-        "tabs in MTL": _mtl("newmtl m\n\tKd\t0.9 0.1 0.1\n", WHITE),
+        "tabs in MTL": Kind(
+            {"model.obj": obj(), "a.mtl": b"newmtl m\n\tKd\t0.9 0.1 0.1\n"},
+            {"model.obj": obj(), "a.mtl": WHITE.encode()},
+            "construction",
+            glb(base(baseColorFactor=[*_linear(np.array([0.9, 0.1, 0.1])).tolist(), 1])),
+        ),
     }
 
 
@@ -193,7 +211,9 @@ def ply_kinds():
         {"NORMAL": NORMALS, "COLOR_0": np.hstack([_linear(BYTES / 255), alpha / 255]).astype(np.float32)},
     )
     look, faced = glb(coloured()), glb(base(), {"NORMAL": NORMALS})
-    strip = [index for row in range(SIDE - 1) for index in ([SIDE * (row + i % 2) + i // 2 for i in range(2 * SIDE)] + [-1])]
+    strip = [
+        index for row in range(SIDE - 1) for index in ([SIDE * (row + (i + 1) % 2) + i // 2 for i in range(2 * SIDE)] + [-1])
+    ]
     wedges = [[quad, [float(x) for corner in quad for x in (UVS[corner, 0], 1 - UVS[corner, 1])]] for quad in QUADS]
     textured = {"comment": "comment TextureFile a.png\n"}
     tinted = [[quad, *(int(value) for value in BYTES[quad[0]])] for quad in QUADS]
@@ -281,11 +301,10 @@ def _source(name, values, words):
     )
 
 
-def dae(
-    look=WHITE_LOOK, shading="lambert", asset="<up_axis>Y_UP</up_axis>", images="", params="", node="", after="", **more
-):
+def dae(look=WHITE_LOOK, shading="lambert", asset="<up_axis>Y_UP</up_axis>", images="", params="", node="", after="", **more):
     """The patch as a COLLADA file. more: extra (of the profile), colours, normals, uv_set, bind, shape (of the triangles)."""
-    flip, normals = np.column_stack([UVS[:, 0], 1 - UVS[:, 1]]), more.get("normals", NORMALS)
+    uvs, normals = more.get("uvs", UVS), more.get("normals", NORMALS)
+    flip = np.column_stack([uvs[:, 0], 1 - uvs[:, 1]])
     sources = _source("p", POSITIONS, "XYZ") + _source("n", normals, "XYZ") + _source("t", flip, "ST")
     inputs = (
         '<input semantic="VERTEX" source="#v" offset="0"/><input semantic="NORMAL" source="#n" offset="0"/>'
@@ -307,7 +326,7 @@ def dae(
     return (
         '<?xml version="1.0" encoding="utf-8"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">'
         f'<asset>{asset}</asset>{images}<library_effects><effect id="e"><profile_COMMON>{params}<technique sid="c"><{shading}>'
-        f'{look}'
+        f"{look}"
         f"</{shading}></technique>{more.get('extra', '')}</profile_COMMON></effect></library_effects>"
         '<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>'
         f"<library_geometries>{geometry}</library_geometries>{more.get('library', '')}"
@@ -332,7 +351,9 @@ def _primitives(shape, inputs):
     if shape == "polygons":
         loops = "".join(f"<p>{' '.join(map(str, quad))}</p>" for quad in QUADS)
         return f'<polygons count="{len(QUADS)}" material="sym">{inputs}{loops}</polygons>'
-    strips = "".join(f"<p>{' '.join(str(SIDE * (row + i % 2) + i // 2) for i in range(2 * SIDE))}</p>" for row in range(SIDE - 1))
+    strips = "".join(
+        f"<p>{' '.join(str(SIDE * (row + (i + 1) % 2) + i // 2) for i in range(2 * SIDE))}</p>" for row in range(SIDE - 1)
+    )
     return f'<tristrips count="{SIDE - 1}" material="sym">{inputs}{strips}</tristrips>'
 
 
@@ -351,14 +372,12 @@ def dae_kinds():
             f"<transparency><float>{amount}</float></transparency>"
         )
 
-    def wrapped(mode):
+    def wrapped(mode, number):
+        """A picture 2.5 times across by a wrap mode of COLLADA, and of glTF."""
         sampler = SAMPLED.format(f"<wrap_s>{mode}</wrap_s><wrap_t>{mode}</wrap_t>")
-        repeat = '<extra><technique profile="MAYA"><repeatU>2.5</repeatU><repeatV>2.5</repeatV></technique></extra>'
-        return dae(
-            f'<diffuse><texture texture="s" texcoord="UV">{repeat}</texture></diffuse>',
-            images=IMAGE.format("a.png"),
-            params=sampler,
-        )
+        texture = Texture(picture(), sampler={"wrapS": number, "wrapT": number})
+        like = glb(coloured(texture), {"NORMAL": NORMALS, "TEXCOORD_0": (UVS * 2.5).astype(np.float32)})
+        return row(dae(**mapped | {"params": sampler}, uvs=UVS * 2.5), dae(**mapped, uvs=UVS * 2.5), "construction", like, **png)
 
     twisted = "<rotate>0 0 1 50</rotate><scale>0.6 1.4 1</scale>"
     library = f'<library_nodes><node id="k"><rotate>0 0 1 40</rotate>{INSTANCE}</node></library_nodes>'
@@ -371,8 +390,10 @@ def dae_kinds():
             dae("<emission><color>0.1 0.7 0.2 1</color></emission>" + _colour("0.2 0.2 0.2 1")), dae(_colour("0.2 0.2 0.2 1"))
         ),
         "emission texture": row(
-            dae(**mapped | {"look": MAP.replace("diffuse", "emission") + _colour("0.1 0.1 0.1 1")}),
-            dae(_colour("0.1 0.1 0.1 1")),
+            dae(**mapped | {"look": MAP.replace("diffuse", "emission") + _colour("0 0 0 1")}),
+            dae(_colour("0 0 0 1")),
+            "construction",
+            glb({**base(baseColorFactor=[0, 0, 0, 1]), "emissiveTexture": Texture(picture()), "emissiveFactor": [1, 1, 1]}),
             **png,
         ),
         "transparent A_ONE": row(faded("A_ONE", "1 1 1 1", 0.3), dae(red)),
@@ -390,18 +411,21 @@ def dae_kinds():
         "node translate": row(dae(after=f"<node><translate>0.3 1.6 0</translate>{INSTANCE}</node>")),
         "node matrix": row(dae(node="<matrix>0 -1 0 0 1 0 0 0 0 0 1 0 0 0 0 1</matrix>")),
         "node lookat": row(dae(node="<lookat>0 0 3 0 0 0 1 1 0</lookat>"), like="assimp"),
-        "instance_node": row(dae(library=library, instance='<instance_node url="#k"/>')),
+        "instance_node": row(dae(library=library, instance='<instance_node url="#k"/>'), like="assimp"),
         "polylist": row(dae(**mapped, shape="polylist"), **png),
         "polygons": row(dae(**mapped, shape="polygons"), like="assimp", **png),
         "tristrips": row(dae(**mapped, shape="tristrips"), like="construction", expected=look, **png),
         "COLOR": row(dae(colours=COLOURS), like="construction", expected=whole),
         "NORMAL": row(dae(normals=NORMALS + [0.9, 0.5, 0])),
         "TEXCOORD of another set": row(
-            dae(**mapped, uv_set=1, bind='<bind_vertex_input semantic="UV" input_semantic="TEXCOORD" input_set="1"/>'), **png
+            dae(**mapped, uv_set=1, bind='<bind_vertex_input semantic="UV" input_semantic="TEXCOORD" input_set="1"/>'),
+            like="construction",
+            expected=look,
+            **png,
         ),
         "TEXCOORD without bind": row(dae(**mapped, bind=""), like="construction", expected=look, **png),
-        "wrap_s CLAMP": row(wrapped("CLAMP"), wrapped("WRAP"), **png),
-        "wrap_s MIRROR": row(wrapped("MIRROR"), wrapped("WRAP"), **png),
+        "wrap_s CLAMP": wrapped("CLAMP", 33071),
+        "wrap_s MIRROR": wrapped("MIRROR", 33648),
         "double_sided": row(
             dae(extra='<extra><technique profile="GOOGLEEARTH"><double_sided>1</double_sided></technique></extra>'),
             like="construction",
@@ -413,6 +437,8 @@ def dae_kinds():
                 extra='<extra><technique profile="FCOLLADA"><bump><texture texture="s" texcoord="UV"/>'
                 "</bump></technique></extra>",
             ),
+            like="construction",
+            expected=glb({**base(), "normalTexture": Texture(bumps())}),
             **{"a.png": bumps()},
         ),
     }

@@ -32,7 +32,7 @@ Made by `make strangers` (proof/strangers) {made}.
 repository. All were new to this project when they were added. Each is coded, decoded to GLB and compared with its source. {pairs}
 pairs of pictures were drawn by three.js: the source by its own loader of the format and the decoded GLB, from the same two sides,
 in flat colours, in light and with all maps. A pair has the least of these dB, over the pixels that either of the two covers.
-Numbers of MTL files are taken as linear, as Blender writes them. A loss is named where the result line lists it.
+Numbers of materials are taken as linear where the encoder's remark says so. A loss is named where the result line lists it.
 """
 
 

@@ -1,7 +1,7 @@
 // Sources and decoded meshes beside each other, drawn by three.js in a browser without a window, 20 pairs a sheet.
 // node pictures.mjs PAIRS.json OUT_FOLDER, in a folder where node finds three and playwright-core, with a Chromium at $CHROMIUM or
-// /usr/bin/chromium. PAIRS.json: {"root", "pairs": [{"source", "mesh", "text"}]}, paths below root. Writes sheet-NN.png, and pairs.json:
-// a row for each pair: "flat", "lit" and "full": dB of both pictures in two views, in flat colours, in light, and with all maps (null:
+// /usr/bin/chromium. PAIRS.json: {"root", "pairs": [{"source", "mesh", "text", "linear"}]}, paths below root; linear: whether numbers of a
+// source's material file are linear. Writes sheet-NN.png, and pairs.json: a row for each pair: "flat", "lit" and "full": dB of both pictures in two views, in flat colours, in light, and with all maps (null:
 // the same), over what either covers, on grey; "inner": the least of them over what both cover; "cover": pixels that both cover of
 // those that either does; "size": how far their boxes differ, of the source's; "absent": textures that are not there; or "error".
 
@@ -46,17 +46,14 @@ const bare = (loader) => async (url) => {
 const READERS = {
   glb: gltf, gltf, stl: bare(new STLLoader()), ply: bare(new PLYLoader()), '3mf': (url) => new ThreeMFLoader().loadAsync(url),
   async obj(url) {
-    const text = await (await fetch(url)).text(), loader = new OBJLoader(), all = {};
+    const whole = await (await fetch(url)).text(), loader = new OBJLoader(), all = {};
+    const text = whole.replace(/^[lp]\\s.*$/gm, '');  // OBJLoader draws an object that has lines as lines alone
     for (const [, name] of text.matchAll(/^mtllib\\s+(.+?)\\s*$/gm)) {
       const library = (url.slice(0, url.lastIndexOf('/') + 1) + name.replace(/\\\\/g, '/')).replace(/#/g, '%23');
       const folder = library.slice(0, library.lastIndexOf('/') + 1);
       const materials = await new MTLLoader().setPath(folder).loadAsync(library.slice(folder.length)).catch(() => null);
       if (!materials) continue;
       materials.preload();
-      for (const { color, emissive } of Object.values(materials.materials)) {  // numbers as Blender writes them, linear, as texfcodec says
-        color.convertLinearToSRGB();
-        emissive.convertLinearToSRGB();
-      }
       Object.assign(all, materials.materials);
       loader.setMaterials(Object.assign(materials, { materials: all }));
     }
@@ -71,12 +68,20 @@ Object.assign(THREE.DefaultLoadingManager, { itemStart(url) { pending++; itemSta
 async function idle() {  // images come after their model
   for (let i = 0; i < 20 * ${SECONDS} && pending > 0; i++) await new Promise((done) => setTimeout(done, 50));
 }
-async function load(file) {
+function linearised(model) {  // numbers as Blender writes them; three.js has read them as sRGB
+  const done = new Set();
+  model.traverse(({ material }) => [material ?? []].flat().forEach((own) => {
+    if (!done.has(own)) [own.color, own.emissive].forEach((colour) => colour?.convertLinearToSRGB());
+    done.add(own);
+  }));
+}
+async function load(file, isLinear) {
   const suffix = file.split('.').pop().toLowerCase();
   if (!READERS[suffix]) throw new Error('three.js reads no .' + suffix);
   const late = new Promise((_, fail) => setTimeout(() => fail(new Error('took longer than ${SECONDS} s')), ${SECONDS * 1000}));
   const model = await Promise.race([READERS[suffix]('/cache/' + file.split('/').map(encodeURIComponent).join('/')), late]);
   await idle();
+  if (isLinear) linearised(model);
   const scene = Object.assign(new THREE.Scene(), { environmentIntensity: 0.4 }), sun = new THREE.DirectionalLight(0xffffff, 1.5);
   sun.position.set(1, 2, 3);
   scene.add(model, sun, new THREE.HemisphereLight(0xffffff, 0x404040, 0.8));
@@ -123,19 +128,21 @@ function pixels() {
 }
 const decibels = (squares, count) => squares === 0 ? null : 10 * Math.log10(255 ** 2 * 3 * count / squares);
 function compared(a, b) {  // pixels with alpha, premultiplied: on grey
-  let squares = 0, inside = 0, both = 0, either = 0;
+  let squares = 0, inside = 0, count = 0, whole = 0, both = 0, either = 0;
   for (let i = 0; i < a.length; i += 4) {
     if (!(a[i + 3] || b[i + 3])) continue;
     const are = a[i + 3] === 255 && b[i + 3] === 255;
-    either++;
-    both += are;
+    count++;
+    whole += are;
+    both += a[i + 3] > 127 && b[i + 3] > 127;
+    either += a[i + 3] > 127 || b[i + 3] > 127;
     for (let c = 0; c < 3; c++) {
       const square = (a[i + c] - b[i + c] + (b[i + 3] - a[i + 3]) * ${GREY} / 255) ** 2;
       squares += square;
       inside += are ? square : 0;
     }
   }
-  return { union: decibels(squares, either), inner: decibels(inside, both), cover: either ? both / either : null };
+  return { union: decibels(squares, count), inner: decibels(inside, whole), cover: either ? both / either : null };
 }
 const least = (values) => values.reduce((a, b) => a === null ? b : b === null ? a : Math.min(a, b), null);
 function cameras(box) {
@@ -161,12 +168,12 @@ function measured(sides, views) {
   }
   return row;
 }
-async function draw({ source, mesh, text }) {
+async function draw({ source, mesh, text, linear }) {
   const cell = document.createElement('div');
   document.body.append(cell);
   let row;
   try {
-    const sides = [await load(source), await load(mesh)], boxes = sides.map(({ model }) => new THREE.Box3().setFromObject(model, true));
+    const sides = [await load(source, linear), await load(mesh, false)], boxes = sides.map(({ model }) => new THREE.Box3().setFromObject(model, true));
     if (boxes[0].isEmpty()) throw new Error('three.js shows nothing of the source');
     const [extent, other] = boxes.map((box) => box.getSize(new THREE.Vector3())), views = cameras(boxes[0]);
     const size = Math.max(...['x', 'y', 'z'].map((axis) => Math.abs(extent[axis] - other[axis]))) / Math.max(...extent.toArray());

@@ -24,8 +24,8 @@ def draw(rows, count, cache, rows_file):
     chosen = [drawable[i * len(drawable) // min(count, len(drawable))] for i in range(min(count, len(drawable)))]
     if not chosen:
         raise SystemExit("nothing can be drawn: no model was decoded")
-    pairs = [{"source": row["source"], "mesh": row["mesh"], "text": f"{row['name']} \u00b7 worst part {_worst(row)}"}
-             for row in chosen]
+    pairs = [{"source": row["source"], "mesh": row["mesh"], "text": f"{row['name']} \u00b7 worst part {_worst(row)}",
+              "linear": "read as linear" in " ".join(row["encode"]["report"].get("remarks", []))} for row in chosen]
     shown = draw_pairs(pairs, cache, out)
     print(f"{len(chosen)} pairs in {out}", file=sys.stderr)
     order = sorted(range(len(pairs)), key=lambda i: least_picture(shown[i]))

@@ -13,7 +13,6 @@ LARGEST_MESH, CONTAINER = 2.0, 2048  # times the source; bytes of a GLB's JSON, 
 SMALL = 0.001  # a part of so little of the surface is not looked at
 ALPHA_OFF, SIZE_OFF = 0.02, 0.01  # mean error of alpha; of the box
 LEAST_PICTURE, LEAST_COVER = 30.0, 0.9  # dB and shared pixels of two pictures of another program, whose filters differ a little
-SHADED = (".glb", ".gltf", ".obj", ".dae")  # formats whose normals three.js does not make up
 SAYS_QUALITY, SAYS_SIZE = r"\bdB\b|quality|fidelity", r"larger|bigger"
 # Losses that change no picture of a still model, and words of a warning that something is lost.
 LOOKLESS = (r"animation|skin|joint|camera|\blights?\b|extras|hierarchy|(?<!of )\bnodes?\b|copyright|\bnames?\b|variant|scene|"
@@ -110,19 +109,19 @@ def _of_losses(row):
     return [[UNSAID, lost[0][:200]]] if lost and not report.get("dropped") else []
 
 
-def least_picture(shown, is_shaded=True):
-    """dB of the pictures of a pair, the least of them: infinite where they are the same, or where three.js could not load it.
-    is_shaded: the normals are the file's, and three.js does not make them up."""
-    values = [shown.get(key) for key in (("flat", "lit", "full") if is_shaded else ("flat",))]
+def least_picture(shown):
+    """dB of the pictures of a pair, the least of them: infinite where they are the same, or where three.js could not load it. Of
+    a source without normals the flat picture alone counts: each program makes up its own."""
+    values = [shown.get(key) for key in (("flat",) if shown.get("made") else ("flat", "lit", "full"))]
     return min((value for value in values if value is not None), default=math.inf)
 
 
 def _of_picture(row):
     """What three.js shows otherwise, without a word about it; what it cannot load falls short of nothing."""
-    shown, is_shaded = row.get("picture", {}), row["name"].lower().endswith(SHADED)
+    shown = row.get("picture", {})
     if not shown or "error" in shown or losses_of(row):
         return []
-    if least_picture(shown, is_shaded) < LEAST_PICTURE:
+    if least_picture(shown) < LEAST_PICTURE:
         figures = ", ".join(f"{key} {shown[key]:.1f}" for key in ("flat", "lit", "full", "inner") if shown[key] is not None)
         return [[PICTURE, f"{figures} dB in three.js"]]
     if shown["size"] > SIZE_OFF:

@@ -12,7 +12,6 @@ from proof.strangers.judge import (
     NOT_JSON,
     PICTURE,
     REFUSALS,
-    SHADED,
     TOO_LONG,
     UNNAMED,
     UNSAID,
@@ -31,8 +30,9 @@ Made by `make strangers` (proof/strangers) {made}.
 {models} models from {packages} packages of public registries, by name, version and hash; none of their files is in this
 repository. All were new to this project when they were added. Each is coded, decoded to GLB and compared with its source. {pairs}
 pairs of pictures were drawn by three.js: the source by its own loader of the format and the decoded GLB, from the same two sides,
-in flat colours, in light and with all maps. A pair has the least of these dB, over the pixels that either of the two covers.
-Numbers of materials are taken as linear where the encoder's remark says so. A loss is named where the result line lists it.
+in flat colours, in light and with all maps. A pair has the least of these dB, over the pixels that either of the two covers. Of a
+source without normals the flat picture alone counts, because each program makes up its own. Numbers of materials are taken as
+linear where the encoder's remark says so. A loss is named where the result line lists it.
 """
 
 
@@ -41,7 +41,7 @@ def decibels_of(row):
     shown = row.get("picture")
     if not shown or "error" in shown:
         return None
-    return least_picture(shown, row["name"].lower().endswith(SHADED))
+    return least_picture(shown)
 
 
 def page_of(rows, kinds, ladders, packages):

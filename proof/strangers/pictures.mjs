@@ -3,7 +3,8 @@
 // /usr/bin/chromium. PAIRS.json: {"root", "pairs": [{"source", "mesh", "text", "linear"}]}, paths below root; linear: whether numbers of a
 // source's material file are linear. Writes sheet-NN.png, and pairs.json: a row for each pair: "flat", "lit" and "full": dB of both pictures in two views, in flat colours, in light, and with all maps (null:
 // the same), over what either covers, on grey; "inner": the least of them over what both cover; "cover": pixels that both cover of
-// those that either does; "size": how far their boxes differ, of the source's; "absent": textures that are not there; or "error".
+// those that either does; "size": how far their boxes differ, of the source's; "absent": textures that are not there; "made": whether the source's normals
+// are made up, by three.js in another way than by texfcodec; or "error".
 
 import { readFile, readdir, writeFile } from 'node:fs/promises';
 import path from 'node:path';
@@ -40,7 +41,7 @@ const bare = (loader) => async (url) => {
   for (const [name, { array, itemSize }] of Object.entries(geometry.attributes)) {  // WebGL takes no doubles
     if (array instanceof Float64Array) geometry.setAttribute(name, new THREE.Float32BufferAttribute(array, itemSize));
   }
-  if (!geometry.getAttribute('normal')) geometry.computeVertexNormals();
+  if (!geometry.getAttribute('normal')) Object.assign(geometry, { isMadeUp: true }).computeVertexNormals();
   return new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ vertexColors: geometry.hasAttribute('color') }));
 };
 const READERS = {
@@ -57,7 +58,7 @@ const READERS = {
       Object.assign(all, materials.materials);
       loader.setMaterials(Object.assign(materials, { materials: all }));
     }
-    return loader.parse(text);
+    return Object.assign(loader.parse(text), { isMadeUp: !/^vn\\s/m.test(text) });  // normals of faces, where texfcodec's are smooth
   },
   dae: async (url) => (await new ColladaLoader().loadAsync(url)).scene,
 };
@@ -75,6 +76,11 @@ function linearised(model) {  // numbers as Blender writes them; three.js has re
     done.add(own);
   }));
 }
+function hasMadeUp(model, isGltf) {
+  let any = Boolean(model.isMadeUp);
+  model.traverse(({ geometry: of }) => { any ||= Boolean(of && !isGltf && (of.isMadeUp || !of.getAttribute('normal'))); });
+  return any;
+}
 async function load(file, isLinear) {
   const suffix = file.split('.').pop().toLowerCase();
   if (!READERS[suffix]) throw new Error('three.js reads no .' + suffix);
@@ -85,7 +91,8 @@ async function load(file, isLinear) {
   const scene = Object.assign(new THREE.Scene(), { environmentIntensity: 0.4 }), sun = new THREE.DirectionalLight(0xffffff, 1.5);
   sun.position.set(1, 2, 3);
   scene.add(model, sun, new THREE.HemisphereLight(0xffffff, 0x404040, 0.8));
-  return { scene, model, isGltf: suffix === 'glb' || suffix === 'gltf', absent: withoutAbsent(model) };
+  const isGltf = suffix === 'glb' || suffix === 'gltf', isMadeUp = suffix === 'stl' || suffix === '3mf' || hasMadeUp(model, isGltf);
+  return { scene, model, isGltf, isMadeUp, absent: withoutAbsent(model) };
 }
 const PLAIN = ['map', 'alphaMap', 'color', 'side', 'alphaTest', 'transparent', 'opacity'];
 const MAPS = ['normalMap', 'normalScale', 'bumpMap', 'bumpScale', 'emissive', 'emissiveMap', 'emissiveIntensity', 'aoMap', 'aoMapIntensity'];
@@ -177,7 +184,7 @@ async function draw({ source, mesh, text, linear }) {
     if (boxes[0].isEmpty()) throw new Error('three.js shows nothing of the source');
     const [extent, other] = boxes.map((box) => box.getSize(new THREE.Vector3())), views = cameras(boxes[0]);
     const size = Math.max(...['x', 'y', 'z'].map((axis) => Math.abs(extent[axis] - other[axis]))) / Math.max(...extent.toArray());
-    row = { ...measured(sides, views), size, absent: sides[0].absent };
+    row = { ...measured(sides, views), size, absent: sides[0].absent, made: sides[0].isMadeUp };
     for (const side of sides) {
       shown(side, views[0], new THREE.Color(0x777777));
       const picture = new Image(${SIDE}, ${SIDE});

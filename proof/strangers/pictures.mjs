@@ -1,7 +1,7 @@
 // Sources and decoded meshes beside each other, drawn by three.js in a browser without a window, 20 pairs a sheet.
 // node pictures.mjs PAIRS.json OUT_FOLDER, in a folder where node finds three and playwright-core, with a Chromium at $CHROMIUM or
-// /usr/bin/chromium. PAIRS.json: {"root", "pairs": [{"source", "mesh", "text", "linear"}]}, paths below root; linear: whether numbers of a
-// source's material file are linear. Writes sheet-NN.png, and pairs.json: a row for each pair: "flat", "lit" and "full": dB of both pictures in two views, in flat colours, in light, and with all maps (null:
+// /usr/bin/chromium. PAIRS.json: {"root", "pairs": [{"source", "mesh", "text", "linear", "unit"}]}, paths below root; linear: whether
+// numbers of a source's material file are linear; unit: of a 3MF file in metres, which ThreeMFLoader leaves out, with its axis. Writes sheet-NN.png, and pairs.json: a row for each pair: "flat", "lit" and "full": dB of both pictures in two views, in flat colours, in light, and with all maps (null:
 // the same), over what either covers, on grey; "inner": the least of them over what both cover; "cover": pixels that both cover of
 // those that either does; "size": how far their boxes differ, of the source's; "absent": textures that are not there; "made": whether the source's normals
 // are made up, by three.js in another way than by texfcodec; or "error".
@@ -81,13 +81,17 @@ function hasMadeUp(model, isGltf) {
   model.traverse(({ geometry: of }) => { any ||= Boolean(of && !isGltf && (of.isMadeUp || !of.getAttribute('normal'))); });
   return any;
 }
-async function load(file, isLinear) {
+async function load(file, isLinear, unit) {
   const suffix = file.split('.').pop().toLowerCase();
   if (!READERS[suffix]) throw new Error('three.js reads no .' + suffix);
   const late = new Promise((_, fail) => setTimeout(() => fail(new Error('took longer than ${SECONDS} s')), ${SECONDS * 1000}));
   const model = await Promise.race([READERS[suffix]('/cache/' + file.split('/').map(encodeURIComponent).join('/')), late]);
   await idle();
   if (isLinear) linearised(model);
+  if (suffix === '3mf') {
+    model.rotation.x = -Math.PI / 2;
+    model.scale.setScalar(unit ?? 1);
+  }
   const scene = Object.assign(new THREE.Scene(), { environmentIntensity: 0.4 }), sun = new THREE.DirectionalLight(0xffffff, 1.5);
   sun.position.set(1, 2, 3);
   scene.add(model, sun, new THREE.HemisphereLight(0xffffff, 0x404040, 0.8));
@@ -175,12 +179,12 @@ function measured(sides, views) {
   }
   return row;
 }
-async function draw({ source, mesh, text, linear }) {
+async function draw({ source, mesh, text, linear, unit }) {
   const cell = document.createElement('div');
   document.body.append(cell);
   let row;
   try {
-    const sides = [await load(source, linear), await load(mesh, false)], boxes = sides.map(({ model }) => new THREE.Box3().setFromObject(model, true));
+    const sides = [await load(source, linear, unit), await load(mesh, false)], boxes = sides.map(({ model }) => new THREE.Box3().setFromObject(model, true));
     if (boxes[0].isEmpty()) throw new Error('three.js shows nothing of the source');
     const [extent, other] = boxes.map((box) => box.getSize(new THREE.Vector3())), views = cameras(boxes[0]);
     const size = Math.max(...['x', 'y', 'z'].map((axis) => Math.abs(extent[axis] - other[axis]))) / Math.max(...extent.toArray());

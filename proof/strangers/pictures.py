@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -24,14 +25,21 @@ def draw(rows, count, cache, rows_file):
     chosen = [drawable[i * len(drawable) // min(count, len(drawable))] for i in range(min(count, len(drawable)))]
     if not chosen:
         raise SystemExit("nothing can be drawn: no model was decoded")
-    pairs = [{"source": row["source"], "mesh": row["mesh"], "text": f"{row['name']} \u00b7 worst part {_worst(row)}",
-              "linear": "read as linear" in " ".join(row["encode"]["report"].get("remarks", []))} for row in chosen]
+    pairs = [pair_of(row) for row in chosen]
     shown = draw_pairs(pairs, cache, out)
     print(f"{len(chosen)} pairs in {out}", file=sys.stderr)
     order = sorted(range(len(pairs)), key=lambda i: least_picture(shown[i]))
     draw_pairs([pairs[i] for i in order[:WORST]], cache, out / "worst")
     by_name = dict(zip([row["name"] for row in chosen], shown, strict=True))
     return [_with_picture(row, by_name.get(row["name"]), rows_file) for row in rows]
+
+
+def pair_of(row):
+    """What pictures.mjs takes of a row, with what the encoder remarks of colours and units."""
+    remarks = " ".join(row["encode"]["report"].get("remarks", []))
+    unit = re.search(r"a unit of (\S+) m\b", remarks)
+    return {"source": row["source"], "mesh": row["mesh"], "text": f"{row['name']} \u00b7 worst part {_worst(row)}",
+            "linear": "read as linear" in remarks, "unit": float(unit[1]) if unit else 1.0}
 
 
 def draw_pairs(pairs, cache, out):

@@ -385,7 +385,11 @@ def dae_kinds():
         "diffuse colour": row(dae(red)),
         "diffuse texture": row(dae(**mapped), **png),
         **{f"diffuse of {shading}": row(dae(red, shading)) for shading in ("phong", "blinn")},
-        "emission of constant": row(dae("<emission><color>0.1 0.7 0.2 1</color></emission>", "constant"), like="assimp"),
+        "emission of constant": row(
+            dae("<emission><color>0.1 0.7 0.2 1</color></emission>", "constant"),
+            like="construction",
+            expected=glb({**base(baseColorFactor=[0, 0, 0, 1]), "emissiveFactor": _linear(np.array([0.1, 0.7, 0.2])).tolist()}),
+        ),
         "emission": row(
             dae("<emission><color>0.1 0.7 0.2 1</color></emission>" + _colour("0.2 0.2 0.2 1")), dae(_colour("0.2 0.2 0.2 1"))
         ),

@@ -64,12 +64,13 @@ def picture(form="PNG", mode="RGB", **options):
     return out.getvalue()
 
 
-def bumps(form="PNG"):
-    """A normal map of waves, as a picture's bytes."""
+def bumps(form="PNG", kind="normals"):
+    """A normal map of waves, or their heights, as a picture's bytes."""
     x, y = np.meshgrid(np.arange(64), np.arange(64))
     n = np.stack([0.6 * np.sin(x * np.pi / 8), 0.4 * np.sin(y * np.pi / 16), np.ones((64, 64))], axis=2)
+    n = 0.5 * (n[..., :1] + n[..., 1:2]) if kind == "heights" else n / np.linalg.norm(n, axis=2, keepdims=True)
     out = io.BytesIO()
-    Image.fromarray(np.round(127.5 + 127.5 * n / np.linalg.norm(n, axis=2, keepdims=True)).astype(np.uint8)).save(out, form)
+    Image.fromarray(np.round(127.5 + 127.5 * np.broadcast_to(n, (64, 64, 3))).astype(np.uint8)).save(out, form)
     return out.getvalue()
 
 

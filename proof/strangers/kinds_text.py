@@ -8,6 +8,7 @@ from proof.strangers.kinds_gltf import (
     NORMALS,
     POSITIONS,
     SIDE,
+    TANGENTS,
     UVS,
     Kind,
     Texture,
@@ -89,8 +90,9 @@ def obj_kinds():
         "map_d": _mtl(MAPPED + "map_d d.png\n", MAPPED, **png, **{"d.png": picture(mode="L")}),
         "Ke": _mtl(RED + "Ke 0.2 0.6 0.9\n", RED),
         "map_Ke": _mtl(RED + "Ke 1 1 1\nmap_Ke a.png\n", RED, **png),
-        "norm": _mtl(WHITE + "norm b.png\n", **bump),
-        "map_Bump": _mtl(WHITE + "map_Bump -bm 1 b.png\n", **bump),
+        "norm": _bumped("norm b.png\n", bump),
+        "map_Bump of a normal map": _bumped("map_Bump -bm 1 b.png\n", bump),
+        "map_Bump of heights": _mtl(WHITE + "map_Bump -bm 4 h.png\n", **{"h.png": bumps("PNG", "heights")}),
         "Pm and Pr": Kind(
             {"model.obj": obj(), "a.mtl": (WHITE + "Pm 1\nPr 0.2\n").encode()},
             {"model.glb": glb(base())},
@@ -139,6 +141,14 @@ def obj_kinds():
             glb(base(baseColorFactor=[*_linear(np.array([0.9, 0.1, 0.1])).tolist(), 1])),
         ),
     }
+
+
+def _bumped(line, files):
+    """A Kind of a normal map, in tangent frames of its own: three.js makes up others where a file has none."""
+    framed = {"NORMAL": NORMALS, "TEXCOORD_0": UVS, "TANGENT": TANGENTS}
+    look = glb({**base(), "normalTexture": Texture(bumps())}, framed)
+    mtl = {"model.obj": obj(), "a.mtl": (WHITE + line).encode(), **files}
+    return Kind(mtl, {"model.obj": obj(), "a.mtl": WHITE.encode()}, "construction", look)
 
 
 def _named(line, files, look):

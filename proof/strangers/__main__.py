@@ -47,6 +47,7 @@ def _arguments(arguments):
     parser.add_argument("--rate", default=RATE)
     parser.add_argument("--effort", help="of the encoder, where it is not the usual one")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="models at a time")
+    parser.add_argument("--inside", action="store_true", help="one at a time in this process, uncapped: faster")
     parser.add_argument("--seconds", type=float, default=300, metavar="S", help="most for a model")
     parser.add_argument("--memory", type=int, default=6 << 30, metavar="BYTES", help="most for a process")
     parser.add_argument("--rows", type=Path, metavar="FILE.jsonl", help="[default: rows.jsonl in the cache]")

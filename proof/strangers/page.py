@@ -28,11 +28,12 @@ HEAD = """# Strangers
 Made by `make strangers` (proof/strangers) {made}.
 
 {models} models from {packages} packages of public registries, by name, version and hash; none of their files is in this
-repository. All were new to this project when they were added. Each is coded, decoded to GLB and compared with its source. {pairs}
-pairs of pictures were drawn by three.js: the source by its own loader of the format and the decoded GLB, from the same two sides,
-in flat colours, in light and with all maps. A pair has the least of these dB, over the pixels that either of the two covers. Of a
-source without normals the flat picture alone counts, because each program makes up its own. Numbers of materials are taken as
-linear where the encoder's remark says so. A loss is named where the result line lists it.
+repository. All were new to this project when they were added. Each is coded at r04 ({fast} of them, the larger ones, with
+--effort fast), decoded to GLB and compared with its source. {pairs} pairs of pictures were drawn by three.js: the source by its
+own loader of the format and the decoded GLB, from the same two sides, in flat colours, in light and with all maps. A pair has
+the least of these dB, over the pixels that either of the two covers. Of a source without normals the flat picture alone counts,
+because each program makes up its own. Numbers of materials are taken as linear where the encoder's remark says so. A loss is
+named where the result line lists it.
 """
 
 
@@ -47,7 +48,8 @@ def decibels_of(row):
 def page_of(rows, kinds, ladders, packages):
     """The page. rows: of strangers, with pictures; kinds, ladders: rows of these; packages: number of them."""
     pairs = [row for row in rows if decibels_of(row) is not None]
-    lead = HEAD.format(made=made_on(), models=len(rows), packages=packages, pairs=len(pairs))
+    fast = sum("fast" in row.get("flags", ()) for row in rows)
+    lead = HEAD.format(made=made_on(), models=len(rows), packages=packages, pairs=len(pairs), fast=fast)
     parts = [lead, *_counts(rows, pairs), *_distribution(pairs), *_worst(pairs), *_refusals(rows)]
     parts += [*_kinds(kinds), *_ladders(ladders)]
     return "\n".join(parts).rstrip("\n") + "\n"

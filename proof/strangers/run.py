@@ -35,10 +35,11 @@ def run_all(strangers, args, rows_file):
     modules, lock, children, out = node_modules(args.cache), threading.Lock(), Children(), args.cache / "coded" / rows_file.stem
     with open(os.devnull, "wb") as nowhere:
         children.run(WARM_UP, nowhere, nowhere, Caps(1))
-    with progress(len(todo)) as show, ThreadPoolExecutor(max(args.jobs, 1)) as pool, terminated_as_interrupted():
+    with progress(len(todo)) as show, ThreadPoolExecutor(1 if args.inside else max(args.jobs, 1)) as pool, terminated_as_interrupted():
 
         def perform(stranger):
-            row = code_stranger(stranger, args, modules, out, lambda folder: Room(folder, args, children))
+            room_in = Inside if args.inside else lambda folder: Room(folder, args, children)
+            row = code_stranger(stranger, args, modules, out, room_in)
             if children.stopped:
                 return
             with lock:

@@ -46,7 +46,8 @@ def patch():
 POSITIONS, NORMALS, UVS, FACES = patch()
 COLOURS = np.stack([UVS[:, 0], 0.2 + 0.6 * UVS[:, 1], 1 - UVS[:, 0]], axis=1).astype(np.float32)
 ONES = np.ones((len(UVS), 1), np.float32)
-TANGENTS = np.hstack([np.tile(np.float32([1, 0, 0]), (len(UVS), 1)), ONES])
+ALONG = np.array([1.0, 0, 0]) - NORMALS[:, :1] * NORMALS  # the x axis, in the surface
+TANGENTS = np.hstack([ALONG / np.linalg.norm(ALONG, axis=1, keepdims=True), ONES]).astype(np.float32)
 RAMP = np.linspace(0, 255, 64)
 
 

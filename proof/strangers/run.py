@@ -35,7 +35,8 @@ def run_all(strangers, args, rows_file):
     modules, lock, children, out = node_modules(args.cache), threading.Lock(), Children(), args.cache / "coded" / rows_file.stem
     with open(os.devnull, "wb") as nowhere:
         children.run(WARM_UP, nowhere, nowhere, Caps(1))
-    with progress(len(todo)) as show, ThreadPoolExecutor(1 if args.inside else max(args.jobs, 1)) as pool, terminated_as_interrupted():
+    jobs = 1 if args.inside else max(args.jobs, 1)  # standard output is one for a process
+    with progress(len(todo)) as show, ThreadPoolExecutor(jobs) as pool, terminated_as_interrupted():
 
         def perform(stranger):
             room_in = Inside if args.inside else lambda folder: Room(folder, args, children)

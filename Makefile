@@ -8,7 +8,7 @@ STAMP  := $(VENV)/.texfcodec-installed
 DEMO   := $(VENV)/.texfcodec-demo
 
 .DELETE_ON_ERROR:
-.PHONY: demo check test sweeps interrupts bench anchor tmc13 attribute-tools everyday rate-points results again accuracy-time neural stability strangers three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web site install release clean
+.PHONY: demo check test sweeps interrupts bench anchor tmc13 attribute-tools everyday rate-points results again accuracy-time neural stability strangers kinds three determinism load fuzz faults mutants coverage conformance vectors spec-tables promise native wasm web site install release clean
 
 demo: $(DEMO)
 	$(PY) -m texfcodec.demo
@@ -129,9 +129,14 @@ determinism: install
 	$(PY) proof/determinism.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(ENVIRONMENTS),--environments) $(foreach p,$(PYTHONS),--python "$(p)") --out "$(or $(OUT),out/determinism)" $(if $(PAGE),--page "$(PAGE)")
 
 # Public models fetched by name and hash, coded, decoded and judged from outside; hours, resumable:
-# make strangers [CACHE=folder] [MOST=n] [LARGEST=bytes] [JOBS=n] [ROWS=file.jsonl] [BEFORE=file.jsonl] [PICTURES=n]
+# make strangers [CACHE=folder] [ROUND=n] [MOST=n] [LARGEST=bytes] [JOBS=n] [RATE=r04] [ROWS=file.jsonl] [BEFORE=file.jsonl] [PICTURES=n]
+# [PAGE=docs/reports/strangers.md KINDS=file.jsonl LADDERS=file.jsonl]; KINDS comes from make kinds
 strangers: install
-	$(PY) proof/strangers --cache "$(or $(CACHE),out/strangers)" --keep-old $(if $(MOST),--most $(MOST)) $(if $(LARGEST),--largest $(LARGEST)) $(if $(JOBS),--jobs $(JOBS)) $(if $(ROWS),--rows "$(ROWS)") $(if $(BEFORE),--before "$(BEFORE)") $(if $(PICTURES),--pictures $(PICTURES))
+	$(PY) proof/strangers --cache "$(or $(CACHE),out/strangers)" --keep-old $(if $(MOST),--most $(MOST)) $(if $(LARGEST),--largest $(LARGEST)) $(if $(JOBS),--jobs $(JOBS)) $(if $(ROWS),--rows "$(ROWS)") $(if $(BEFORE),--before "$(BEFORE)") $(if $(PICTURES),--pictures $(PICTURES)) $(if $(ROUND),--round $(ROUND)) $(if $(RATE),--rate $(RATE)) $(if $(PAGE),--page "$(PAGE)") $(if $(KINDS),--kinds "$(KINDS)") $(if $(LADDERS),--ladders "$(LADDERS)")
+
+# Files in each of which one property is the only thing that shows, drawn by other programs: make kinds [CACHE=folder] [ROWS=file.jsonl]
+kinds: install
+	$(PY) -m proof.strangers.kinds --cache "$(or $(CACHE),out/strangers)" $(if $(ROWS),--rows "$(ROWS)")
 
 # Six assets by three.js and by our renderer, a Markdown table: make three ASSETS=folder [ALIKE=all] [OUT=folder]
 three: install

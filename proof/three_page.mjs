@@ -14,14 +14,15 @@ export const IMPORTS = `<script type="importmap">
 {"imports": {"three": "/three/build/three.module.js", "three/addons/": "/three/examples/jsm/"}}</script>`;
 
 // Serves html at /, three.js at /three/ and the files of `root` at /cache/, all with `headers`, and what `routes` answer: {path:
-// (request, response) => ...}; calls work(browser, address) and ends both.
-export async function withPage(html, root, work, { headers = {}, routes = {} } = {}) {
+// (request, response) => ...}; elsewhere(file, root): bytes of a file that is not there, or null. Calls work(browser, address) and
+// ends both.
+export async function withPage(html, root, work, { headers = {}, routes = {}, elsewhere = () => null } = {}) {
   const require = createRequire(path.join(process.cwd(), 'x.js')), three = path.dirname(path.dirname(require.resolve('three')));
   const server = http.createServer(async (request, response) => {
     const name = path.posix.normalize(decodeURIComponent(new URL(request.url, 'http://x').pathname)), [, top] = name.split('/');
     if (name in routes) return routes[name](request, response);
     const file = path.join(top === 'cache' ? root : three, name.slice(top.length + 1));
-    const body = name === '/' ? html : name === '/favicon.ico' ? '' : await readFile(file).catch(() => null);
+    const body = name === '/' ? html : name === '/favicon.ico' ? '' : await readFile(file).catch(() => elsewhere(file, root));
     const type = name === '/' ? 'text/html' : TYPES[path.extname(name)] ?? 'application/octet-stream';
     return response.writeHead(body === null ? 404 : 200, { ...headers, 'content-type': type }).end(body ?? '');
   });

@@ -1,7 +1,8 @@
 """Public models that this project has never seen, fetched by name and hash, coded, decoded and judged from outside.
 
-python proof/strangers [--cache out/strangers] [--only WORD...] [--largest BYTES] [--most N] [--jobs N]
+python proof/strangers [--cache out/strangers] [--only WORD...] [--round N] [--largest BYTES] [--most N] [--jobs N]
     [--rows FILE.jsonl] [--keep-old] [--summary-only] [--pictures N] [--before FILE.jsonl] [--code FOLDER] [--fetch-only]
+    [--page FILE.md [--kinds FILE.jsonl] [--ladders FILE.jsonl]]
 python proof/strangers --add KIND:NAME:VERSION:MOST
 
 Each model is coded at a rate, decoded to GLB, and compared with its source, in processes with capped time and memory. A line per
@@ -25,7 +26,8 @@ if not __package__:  # called as a folder
 from bench.batch import resumable
 from proof.strangers.fetch import Unfetched, fetch_package
 from proof.strangers.judge import changed, summary
-from proof.strangers.listing import LIST, add_package, folder_of, read_list, strangers_of, write_list
+from proof.strangers.listing import LARGEST, LIST, add_package, folder_of, read_list, strangers_of, write_list
+from proof.strangers.page import write_page
 from proof.strangers.pictures import draw
 from proof.strangers.rows import read_rows
 from proof.strangers.run import RATE, run_all
@@ -40,14 +42,21 @@ def _arguments(arguments):
     parser.add_argument("--only", action="append", metavar="WORD", help="models whose name holds it; repeatable")
     parser.add_argument("--largest", type=int, metavar="BYTES", help="models of at most so many bytes, side files apart")
     parser.add_argument("--most", type=int, metavar="N", help="the first N of them")
+    parser.add_argument("--round", type=int, metavar="N", help="models that were added in it; with --add: the new package's")
+    parser.add_argument("--ascending", action="store_true", help="small models first")
     parser.add_argument("--rate", default=RATE)
+    parser.add_argument("--effort", help="of the encoder, where it is not the usual one")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="models at a time")
+    parser.add_argument("--inside", action="store_true", help="one at a time in this process, uncapped: faster")
     parser.add_argument("--seconds", type=float, default=300, metavar="S", help="most for a model")
     parser.add_argument("--memory", type=int, default=6 << 30, metavar="BYTES", help="most for a process")
     parser.add_argument("--rows", type=Path, metavar="FILE.jsonl", help="[default: rows.jsonl in the cache]")
     parser.add_argument("--keep-old", action="store_true", help="leave models alone that have a row")
     parser.add_argument("--before", type=Path, metavar="FILE.jsonl", help="their models, and what has changed")
     parser.add_argument("--pictures", type=int, default=0, metavar="N", help="draw so many, source and decoded, on sheets of 20")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="write a page of the rows")
+    parser.add_argument("--kinds", type=Path, metavar="FILE.jsonl", help="rows of proof.strangers.kinds, for the page")
+    parser.add_argument("--ladders", type=Path, metavar="FILE.jsonl", help="rows of some models at several rates, for the page")
     parser.add_argument("--code", metavar="FOLDER", help="a checkout whose texfcodec is measured")
     parser.add_argument("--fetch-only", action="store_true")
     parser.add_argument("--summary-only", action="store_true", help="of the rows that are there")
@@ -61,9 +70,11 @@ def _chosen(args):
     def is_wanted(stranger):
         return ((not args.only or any(word in stranger.name for word in args.only))
                 and (args.largest is None or stranger.model["bytes"] <= args.largest)
+                and args.round in (None, stranger.package.get("round", 1))
                 and (not args.before or stranger.name in known))
 
-    return list(filter(is_wanted, strangers))[: args.most]
+    chosen = sorted(filter(is_wanted, strangers), key=lambda stranger: stranger.model["bytes"] if args.ascending else 0)
+    return chosen[: args.most]
 
 
 def fetch(strangers, cache):
@@ -85,8 +96,8 @@ def main(arguments=None):
     if args.add:
         packages = read_list(args.list) if args.list.exists() else []
         for text in args.add:
-            packages = add_package(text, args.cache, packages)
-        write_list(packages, args.list)
+            packages = add_package(text, args.cache, packages, args.round or 1, args.largest or LARGEST)
+            write_list(packages, args.list)
         print(f"{len(packages)} packages, {len(strangers_of(packages))} models")
         return 0
     rows_file = args.rows or args.cache / "rows.jsonl"
@@ -105,6 +116,8 @@ def main(arguments=None):
         rows = draw(rows, args.pictures, args.cache, rows_file)
     text, is_short = summary(rows, missing)
     print(text)
+    if args.page:
+        write_page(args.page, rows, args.kinds, args.ladders, len({stranger.package["name"] for stranger in here}))
     if args.before:
         print(changed(read_rows(args.before), rows))
     return EXIT_DIFFERS if is_short else 0

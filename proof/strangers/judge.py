@@ -1,5 +1,6 @@
 """What falls short in a row, by the targets of the collection, and the summary of many rows."""
 
+import math
 import re
 import statistics
 from collections import Counter
@@ -11,16 +12,21 @@ LEAST_DB = 30.0  # RGB of a part at the rate of the run
 LARGEST_MESH, CONTAINER = 2.0, 2048  # times the source; bytes of a GLB's JSON, which a file of twelve triangles may have less of
 SMALL = 0.001  # a part of so little of the surface is not looked at
 ALPHA_OFF, SIZE_OFF = 0.02, 0.01  # mean error of alpha; of the box
-LEAST_PICTURE, LEAST_COVER = 22.0, 0.9  # dB and shared pixels of two pictures of another program, whose filters differ a little
-SHADED = (".glb", ".gltf", ".obj", ".dae")  # formats whose normals three.js does not make up
-SAYS_QUALITY, SAYS_SIZE, SAYS_COLOUR = r"\bdB\b|quality|fidelity", r"larger|bigger", r"many viewers show them darker"
+LEAST_PICTURE, LEAST_COVER = 30.0, 0.9  # dB and shared pixels of two pictures of another program, whose filters differ a little
+SAYS_QUALITY, SAYS_SIZE = r"\bdB\b|quality|fidelity", r"larger|bigger"
+# Losses that change no picture of a still model, and words of a warning that something is lost.
+LOOKLESS = (r"animation|skin|joint|camera|\blights?\b|extras|hierarchy|(?<!of )\bnodes?\b|copyright|\bnames?\b|variant|scene|"
+            r"user data|\bpoints\b|\blines\b|generator|metadata|"
+            r"^(?:Ns|Ka|Ks|Ni|Tf|illum|sharpness|specular|shininess|ambient|index_of_refraction) of material")
+SAYS_LOST = (r"not found|not read|cannot|ignored|\blost\b|missing|guess|skipped|not supported|does not exist|left out|unreadable|"
+             r"broken|not applied")
 REFUSALS = (EXIT_IO, EXIT_SUPPORT, EXIT_LIMIT)
 
 INTERNAL, TOO_LONG, NOT_JSON = "internal error", "too long", "no strict JSON"
 NOT_MEASURED, POOR, ALPHA, SIZE = "not measured", "part under 30 dB", "alpha differs", "size differs"
 LARGER, LARGE_MESH, INVALID, UNNAMED = "stream larger than source", "GLB over twice the source", "validator", "unnamed loss"
-PICTURE = "picture differs"
-KINDS = (INTERNAL, TOO_LONG, NOT_JSON, NOT_MEASURED, POOR, ALPHA, SIZE, LARGER, LARGE_MESH, INVALID, UNNAMED, PICTURE)
+PICTURE, UNSAID = "picture differs", '"no losses" beside a loss'
+KINDS = (INTERNAL, TOO_LONG, NOT_JSON, NOT_MEASURED, POOR, ALPHA, SIZE, LARGER, LARGE_MESH, INVALID, UNNAMED, PICTURE, UNSAID)
 
 
 def findings_of(row):
@@ -33,9 +39,7 @@ def findings_of(row):
     said += [f"{effect['channel']}: {effect['reasons']}" for effect in row["encode"]["report"].get("effects", [])]
     warned = " ".join(row["encode"]["report"].get("warnings", []) + row["decode"]["report"].get("warnings", []))
     findings += _of_bytes(row["bytes"], warned) + _of_validator(row["validator"]) + _of_measure(row, said, warned)
-    if re.search(SAYS_COLOUR, " ".join(said)):
-        return findings
-    return findings + _of_picture(row.get("picture", {}), row["name"].lower().endswith(SHADED))
+    return findings + _of_losses(row) + _of_picture(row)
 
 
 def _of_tool(step, run):
@@ -91,15 +95,38 @@ def _of_measure(row, said, warned):
     return findings + ([[UNNAMED, ", ".join(unnamed)]] if unnamed else [])
 
 
-def _of_picture(shown, is_shaded):
-    """What three.js shows otherwise; what it cannot load falls short of nothing. is_shaded: the normals are the file's."""
-    keys = (("psnr", "flat"), ("lit", "lit"))[: 2 if is_shaded else 1]
-    low = [f"{name} {shown[key]:.1f} dB" for key, name in keys if (shown.get(key) or LEAST_PICTURE) < LEAST_PICTURE]
-    if low:
-        return [[PICTURE, f"{', '.join(low)} in three.js"]]
-    if shown.get("size", 0) > SIZE_OFF:
+def losses_of(row):
+    """Losses that a row's reports name, of those that a picture of a still model could show."""
+    reports = [row[step]["report"] for step in ("encode", "decode")]
+    named = [text for report in reports for text in report.get("dropped") or [] if not re.search(LOOKLESS, text, re.IGNORECASE)]
+    warned = [text for report in reports for text in report.get("warnings") or []]
+    return named + [text for text in warned if re.search(f"{SAYS_LOST}|{SAYS_QUALITY}", text)]
+
+
+def _of_losses(row):
+    report = row["encode"]["report"]
+    lost = [text for text in report.get("warnings", []) if re.search(SAYS_LOST, text)]
+    return [[UNSAID, lost[0][:200]]] if lost and not report.get("dropped") else []
+
+
+def least_picture(shown):
+    """dB of the pictures of a pair, the least of them: infinite where they are the same, or where three.js could not load it. Of
+    a source without normals the flat picture alone counts: each program makes up its own."""
+    values = [shown.get(key) for key in (("flat",) if shown.get("made") else ("flat", "lit", "full"))]
+    return min((value for value in values if value is not None), default=math.inf)
+
+
+def _of_picture(row):
+    """What three.js shows otherwise, without a word about it; what it cannot load falls short of nothing."""
+    shown = row.get("picture", {})
+    if not shown or "error" in shown or losses_of(row):
+        return []
+    if least_picture(shown) < LEAST_PICTURE:
+        figures = ", ".join(f"{key} {shown[key]:.1f}" for key in ("flat", "lit", "full", "inner") if shown[key] is not None)
+        return [[PICTURE, f"{figures} dB in three.js"]]
+    if shown["size"] > SIZE_OFF:
         return [[PICTURE, f"the boxes differ by {100 * shown['size']:.1f} % in three.js"]]
-    if shown.get("cover") is not None and shown["cover"] < LEAST_COVER:
+    if shown["cover"] < LEAST_COVER:
         return [[PICTURE, f"only {100 * shown['cover']:.0f} % of the pixels are covered in both"]]
     return []
 

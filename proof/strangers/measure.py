@@ -15,7 +15,7 @@ import numpy as np
 
 if not __package__:  # called as a file, by a run that may measure another checkout's texfcodec, which PYTHONPATH names
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-    import tools  # noqa: F401
+    import proof  # noqa: F401
 
     sys.path.append(sys.path.pop(0))
 

@@ -1,5 +1,7 @@
 """One model after the other, or some at a time: texf-enc, texf-dec, validator and comparison, each in a process of its own."""
 
+import contextlib
+import io
 import os
 import re
 import shutil
@@ -8,14 +10,17 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from pathlib import Path
 
 from proof.strangers.judge import findings_of, reason_of
+from proof.strangers.measure import measured
 from proof.strangers.rows import add_row, read_rows, strict_json
 from texfcodec.batch.children import WARM_UP, Caps, Children, Overdue
 from texfcodec.batch.local import terminated_as_interrupted
 from texfcodec.batch.task_progress import progress
 from texfcodec.batch.tasks import last_line, package_code
+from texfcodec.errors import EXIT_INTERNAL
 
 RATE = "r03"
 MEASURE = Path(__file__).with_name("measure.py")
@@ -30,10 +35,12 @@ def run_all(strangers, args, rows_file):
     modules, lock, children, out = node_modules(args.cache), threading.Lock(), Children(), args.cache / "coded" / rows_file.stem
     with open(os.devnull, "wb") as nowhere:
         children.run(WARM_UP, nowhere, nowhere, Caps(1))
-    with progress(len(todo)) as show, ThreadPoolExecutor(max(args.jobs, 1)) as pool, terminated_as_interrupted():
+    jobs = 1 if args.inside else max(args.jobs, 1)  # standard output is one for a process
+    with progress(len(todo)) as show, ThreadPoolExecutor(jobs) as pool, terminated_as_interrupted():
 
         def perform(stranger):
-            row = code_stranger(stranger, args, modules, out, lambda folder: Room(folder, args, children))
+            room_in = Inside if args.inside else lambda folder: Room(folder, args, children)
+            row = code_stranger(stranger, args, modules, out, room_in)
             if children.stopped:
                 return
             with lock:
@@ -71,18 +78,23 @@ def code_stranger(stranger, args, modules, out, room_in):
     for path in (stream, mesh):
         path.unlink(missing_ok=True)
     row = {"name": stranger.name, "source": str(source.relative_to(args.cache)), "sha256": stranger.model["sha256"],
-           "stream": str(stream.relative_to(args.cache)), "mesh": str(mesh.relative_to(args.cache)), "code": package_code()}
+           "stream": str(stream.relative_to(args.cache)), "mesh": str(mesh.relative_to(args.cache)), "code": package_code(),
+           "flags": _flags(args)}
     room = room_in(out / f"{stem}.work")
     try:
-        _steps(row, room, (source, stream, mesh), args.rate, modules)
+        _steps(row, room, (source, stream, mesh), _flags(args), modules)
     finally:
         shutil.rmtree(room.folder, ignore_errors=True)
     return row | {"findings": findings_of(row)}
 
 
-def _steps(row, room, paths, rate, modules):
+def _flags(args):
+    return ["--rate", args.rate, *(["--effort", args.effort] if getattr(args, "effort", None) else [])]
+
+
+def _steps(row, room, paths, flags, modules):
     source, stream, mesh = map(str, paths)
-    row["encode"] = room.tool("enc", source, stream, "--rate", rate, "--threads", "1", "--json")
+    row["encode"] = room.tool("enc", source, stream, *flags, "--threads", "1", "--json")
     if not paths[1].exists():  # an internal error may come after the stream was written: that is measured all the same
         return
     row["decode"] = room.tool("dec", stream, mesh, "--threads", "1", "--json")
@@ -119,6 +131,29 @@ class Room:
         is_read = isinstance(report, dict)
         return {"exit": code, "seconds": round(time.monotonic() - begin, 2), "report": report if is_read else default,
                 "json": "" if is_read else report, "log": last_line(log) if code != 0 else ""}
+
+
+class Inside:
+    """A Room whose steps run in this process, without caps: for files of our own, where most of the time would be starts."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def tool(self, name, *words):
+        out, log, begin, code = io.TextIOWrapper(io.BytesIO(), "utf-8"), io.StringIO(), time.monotonic(), EXIT_INTERNAL
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(log):
+            try:
+                import_module(f"texfcodec.cli.{name}").main(list(words))
+            except SystemExit as ended:
+                code = ended.code or 0
+        out.seek(0)
+        report = strict_json(out.read())
+        is_read = isinstance(report, dict)
+        return {"exit": code, "seconds": round(time.monotonic() - begin, 2), "report": report if is_read else {},
+                "json": "" if is_read else report, "log": log.getvalue()[-200:] if code else ""}
+
+    def run(self, words, default):
+        return {"exit": 0, "seconds": 0.0, "report": measured(*words[1:]), "json": "", "log": ""}
 
 
 def _validated(mesh, modules):

@@ -1,6 +1,5 @@
 """proof/strangers: the list, what is fetched by it, whether a model that falls short is seen; a sample, where it can be had."""
 
-import contextlib
 import copy
 import io
 import re
@@ -9,7 +8,6 @@ import subprocess
 import sys
 import tarfile
 from argparse import Namespace
-from importlib import import_module
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -33,40 +31,26 @@ from proof.strangers.judge import (
     POOR,
     TOO_LONG,
     UNNAMED,
+    UNSAID,
     changed,
     findings_of,
+    least_picture,
+    losses_of,
     summary,
 )
-from proof.strangers.listing import Stranger, read_list, strangers_of, write_list
+from proof.strangers.kinds import ERROR, FAULT, FORMATS, NAMED, OK, UNSHOWN, judged, write_kind
+from proof.strangers.listing import Stranger, add_package, read_list, strangers_of, write_list
 from proof.strangers.measure import compare, measured
+from proof.strangers.page import page_of
 from proof.strangers.pictures import draw
 from proof.strangers.rows import add_row, read_rows, strict_json
-from proof.strangers.run import RATE, Room, code_stranger, node_modules
+from proof.strangers.run import RATE, Inside, Room, code_stranger, node_modules
 from texfcodec.batch.children import Children
 from texfcodec.io.formats import SUFFIXES
 from texfcodec.scene.scene import ALPHA_BLEND, Material
 
 CACHE = Path(__file__).resolve().parents[2] / "out" / "strangers"
 SAMPLE = {"npm": ("assimpjs", "mind-ar"), "pypi": ("jvrc-description", "compas")}  # small packages with small models
-
-
-class Here:
-    """A Room whose steps run in this process."""
-
-    def __init__(self, folder):
-        self.folder = folder
-
-    def tool(self, name, *words):
-        out = io.TextIOWrapper(io.BytesIO(), "utf-8")
-        with contextlib.redirect_stdout(out), pytest.raises(SystemExit) as ended:
-            import_module(f"texfcodec.cli.{name}").main(list(words))
-        out.seek(0)
-        report = strict_json(out.read())
-        assert isinstance(report, dict), report
-        return {"exit": ended.value.code or 0, "seconds": 1.0, "report": report, "json": "", "log": ""}
-
-    def run(self, words, default):
-        return {"exit": 0, "seconds": 1.0, "report": measured(*words[1:]), "json": "", "log": ""}
 
 
 def stranger_of(cache, data, path="model.glb"):
@@ -78,7 +62,7 @@ def stranger_of(cache, data, path="model.glb"):
     return stranger
 
 
-def row_of(cache, data, room_in=Here, modules=None):
+def row_of(cache, data, room_in=Inside, modules=None):
     """The row of a model of bytes."""
     return code_stranger(stranger_of(cache, data), Namespace(cache=cache, rate=RATE), modules, cache / "coded", room_in)
 
@@ -232,9 +216,10 @@ def test_each_target_is_seen_where_it_is_missed(row):
     assert "12.3 dB RGB" in poor[POOR] and POOR not in altered(row)
     warning = {"encode__report__warnings": ["material 'm' comes back at 12 dB", "the stream is larger than its source"]}
     assert POOR not in altered(row, measure__report__parts=[part | {"rgb": 12.3}], **warning)
-    dark = {"picture": {"psnr": 12.0, "lit": 13.0, "cover": 1.0, "size": 0.0}}
-    assert "flat 12.0 dB, lit 13.0 dB" in altered(row, **dark)[PICTURE]
-    assert PICTURE not in altered(row, **dark, encode__report__remarks=["many viewers show them darker"])
+    dark = {"picture": {"flat": 12.0, "lit": 13.0, "full": None, "inner": 12.0, "cover": 1.0, "size": 0.0}}
+    assert "flat 12.0, lit 13.0, inner 12.0 dB" in altered(row, **dark, encode__report__dropped=[])[PICTURE]
+    assert PICTURE not in altered(row, **dark, encode__report__dropped=["normals of the file"])
+    assert PICTURE in altered(row, **dark, encode__report__dropped=["animation 'walk'", "Ns of material 'm'"])
     sizes = {"bytes": {"source": 100, "stream": 101, "mesh": 2249}}
     assert {LARGER, LARGE_MESH} <= set(altered(row, **sizes)) and LARGER not in altered(row, **sizes, **warning)
     assert "1 errors" in altered(row, validator={"errors": 1, "warnings": 0, "messages": ["error X"]})[INVALID]
@@ -290,7 +275,7 @@ def test_the_validator_and_three_find_nothing_to_say_of_a_good_model_and_much_of
     rows_file = CACHE / "test.jsonl"
     rows_file.unlink(missing_ok=True)
     good, bad = draw([row, row | {"name": "made/bad.glb", "mesh": row["source"], "source": _blue_square()}], 2, CACHE, rows_file)
-    assert (good["picture"]["psnr"] or 99) > 30 and good["picture"]["size"] < 1e-3 and good["picture"]["cover"] > 0.98
+    assert least_picture(good["picture"]) > 30 and good["picture"]["size"] < 1e-3 and good["picture"]["cover"] > 0.98
     assert PICTURE not in dict(good["findings"]) and "flat" in dict(bad["findings"])[PICTURE]
     with Image.open(CACHE / "pictures-test" / "sheet-01.png") as sheet:
         assert len(sheet.convert("RGB").getcolors(1 << 24)) > 20
@@ -304,6 +289,68 @@ def _blue_square():
     path = CACHE / "files" / "npm" / "made-1" / "blue.glb"
     path.write_bytes(builder.glb())
     return str(path.relative_to(CACHE))
+
+
+# Kinds, and the page
+
+
+def test_every_kind_has_files_that_its_control_does_not_and_is_written_with_them(tmp_path):
+    kinds = {f"{form}: {name}": kind for form, of in FORMATS.items() for name, kind in of().items()}
+    assert len(kinds) > 150 and all(kind.files != kind.without for kind in kinds.values())
+    assert all(bool(kind.expected) == (kind.like == "construction") for kind in kinds.values())
+    kind = kinds["OBJ and MTL: map_Kd of other case"]
+    stranger, without, expected = write_kind("OBJ and MTL: map_Kd of other case", kind, tmp_path)
+    assert stranger.path(tmp_path).read_bytes() == kind.files["model.obj"]
+    assert (stranger.path(tmp_path).parent / "a.png").read_bytes() == kind.files["a.png"]
+    assert (tmp_path / without).parent.name == "without" and (tmp_path / expected).read_bytes() == kind.expected
+
+
+def test_a_property_that_is_lost_without_a_word_is_a_fault_and_no_other(row):
+    quiet = row | {"like": "three.js"}
+    for step in ("encode", "decode"):
+        quiet[step] = quiet[step] | {"report": {}}
+    other = {"flat": 10.0, "lit": 10.0, "full": 10.0, "size": 0.0}
+    same = dict.fromkeys(other, None) | {"size": 0.0}
+    named = quiet | {"encode": row["encode"] | {"report": {"dropped": ["normal map of material 'm'"]}}}
+    wide = same | {"size": 0.5}
+    cases = ((quiet, other, same, OK), (quiet, other, other, FAULT), (quiet, other, wide, FAULT), (named, other, other, NAMED),
+             (quiet, same, same, UNSHOWN), (quiet, other, {"error": "x"}, FAULT), (quiet | {"encode": {**row["encode"], "exit": 4}},
+                                                                                   other, other, ERROR))
+    assert [judged(of, control, picture)["verdict"] for of, control, picture, _ in cases] == [verdict for *_, verdict in cases]
+
+
+def test_a_warning_of_a_loss_beside_no_losses_is_seen(row):
+    warned = {"encode__report__warnings": ["texture file 'a.png' is missing or unreadable"], "encode__report__dropped": []}
+    assert UNSAID in altered(row, **warned)
+    assert UNSAID not in altered(row, **warned | {"encode__report__dropped": ["texture 'a.png'"]})
+    assert UNSAID not in altered(row, **warned | {"encode__report__warnings": ["the stream is larger than its source"]})
+
+
+def test_files_that_a_model_names_are_listed_though_our_reader_passes_them_over(tmp_path):
+    mtl = b"newmtl m\nmap_Kd -s 1 1 1 C:\\job\\A b.PNG\n"
+    archive_in(tmp_path, {"package/a.obj": b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "package/m.mtl": mtl,
+                          "package/maps/a b.png": b"png", "package/c.png": b"no", "package/package.json": b"{}"}, "made-2.tgz")
+    text = "npm:made:2:5"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("proof.strangers.listing.archive_of", lambda package, cache: cache / "archives" / "npm" / "made-2.tgz")
+        (package,) = add_package(text, tmp_path, [], number=2)
+        assert add_package("npm:other:2:5", tmp_path, [package], number=2)[1]["models"] == []  # known by its hash
+    (model,) = package["models"]
+    assert package["round"] == 2 and set(model["with"]) == {"package/m.mtl", "package/maps/a b.png"}
+
+
+def test_the_page_tells_counts_pairs_the_worst_and_kinds(row):
+    shown = {"flat": 12.0, "lit": 40.0, "full": None, "inner": 12.0, "cover": 1.0, "size": 0.0, "absent": 0}
+    dark = row | {"name": "made/dark.glb", "picture": shown}
+    dark["findings"] = findings_of(dark)
+    fine = row | {"name": "made/fine.glb", "picture": dict.fromkeys(shown, None) | {"cover": 1.0, "size": 0.0}, "findings": []}
+    refused = {"name": "made/b.obj", "encode": {"exit": 2, "report": {"error": {"code": "TXF-I07", "message": "3 bytes"}}},
+               "findings": []}
+    kind = {"name": "PLY: alpha", "like": "construction", "shows": 17.0, "decoded": 17.0, "losses": ["alpha"], "verdict": "named"}
+    text = page_of([dark, fine, refused], [kind], [], 1)
+    assert "| pairs of pictures | 2 |" in text and "| pairs under 30 dB | 1 |" in text and "| under 20 | 1 |" in text
+    assert f"| of these without a named loss | {int(not losses_of(dark))} |" in text and "| TXF-I07: n bytes | 1 |" in text
+    assert "| made: dark.glb | 12.0 | 40.0 | same |" in text and "| PLY: alpha | construction | 17.0 | 17.0 | named: alpha |" in text
 
 
 # Called as a folder
@@ -332,6 +379,6 @@ def test_a_sample_of_strangers_falls_short_of_nothing():
     here, missing = fetch(sample(), CACHE)
     if missing:
         pytest.skip(f"the packages of the sample cannot be fetched: {'; '.join(missing.values())}")
-    rows = [code_stranger(stranger, Namespace(cache=CACHE, rate=RATE), None, CACHE / "coded" / "test", Here) for stranger in here]
+    rows = [code_stranger(stranger, Namespace(cache=CACHE, rate=RATE), None, CACHE / "coded" / "test", Inside) for stranger in here]
     text, is_short = summary(rows, {})
     assert len(rows) == 20 and not is_short, text

@@ -17,7 +17,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from proof.strangers.judge import LEAST_PICTURE, least_picture, losses_of, reason_of
+from proof.strangers.judge import LEAST_PICTURE, SIZE_OFF, least_picture, losses_of, reason_of
 from proof.strangers.kinds_gltf import gltf_kinds
 from proof.strangers.kinds_text import dae_kinds, obj_kinds, ply_kinds
 from proof.strangers.listing import Stranger
@@ -81,7 +81,8 @@ def judged(row, control, picture):
     exits, losses = [row[step]["exit"] for step in ("encode", "decode") if step in row], losses_of(row) if "decode" in row else []
     shows, decoded = (_decibels(one) for one in (control, picture))
     refused = "measure" not in row
-    verdict = OK if not refused and decoded >= LEAST_PICTURE else NAMED if losses or refused else FAULT
+    sound = decoded >= LEAST_PICTURE and not picture.get("size", 0.0) > SIZE_OFF
+    verdict = OK if not refused and sound else NAMED if losses or refused else FAULT
     verdict = UNSHOWN if shows >= INERT else verdict
     verdict = ERROR if any(code is None or code < 0 or code == EXIT_INTERNAL for code in exits) else verdict
     text = losses or [f"refused: {reason_of(row['encode'])}"] if refused else losses

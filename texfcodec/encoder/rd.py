@@ -160,10 +160,10 @@ class RateDistortion:
         for _ in range(MOST_TURNS):
             steps = self._best_steps(one, patch)
             if -APART // 2 <= steps <= APART:
-                break
-            offset += max(steps, -APART)
-            one = make(offset)  # too far for the slopes
-        return one.at(max(min(steps, APART), -APART // 2))
+                return one.at(steps)
+            offset += max(steps, -APART)  # too far for the slopes
+            one = make(offset)
+        return one.at(max(min(self._best_steps(one, patch), APART), -APART // 2))
 
     def _best_steps(self, one, patch):
         """Steps of QP from a Probe to where it is settled."""
@@ -205,7 +205,6 @@ class RateDistortion:
 
     def texels(self, patch: Patch, plan: TexelPlan, keys: np.ndarray, cell: int) -> Probe:
         """A TexelPlan, coded in pieces, squares with a side of 2**cell texels. keys: int64 [N], the texels that it covers."""
-
 
         def coded(offset):
             return replace(probe.probe_texels(patch, plan, keys, cell, self.planes.shifted(offset)), qp_offset=offset)

@@ -19,13 +19,14 @@ from proof.strangers.judge import (
     losses_of,
 )
 from proof.strangers.rows import read_rows
+from texfcodec.batch.tasks import package_code
 
 STEPS = (20, 25, 30, 35, 40, 50)  # dB
 SEEN = Path(__file__).with_name("seen.json")  # {name: what somebody who looked at the pair saw}
 WORST = 20
 HEAD = """# Strangers
 
-Made by `make strangers` (proof/strangers) {made}.
+Made by `make strangers` (proof/strangers) {made}; {older} of its rows are of an earlier state of the package.
 
 {models} models from {packages} packages of public registries, by name, version and hash; none of their files is in this
 repository. All were new to this project when they were added. Each is coded at r04 ({fast} of them, the larger ones, with
@@ -49,7 +50,8 @@ def page_of(rows, kinds, ladders, packages):
     """The page. rows: of strangers, with pictures; kinds, ladders: rows of these; packages: number of them."""
     pairs = [row for row in rows if decibels_of(row) is not None]
     fast = sum("fast" in row.get("flags", ()) for row in rows)
-    lead = HEAD.format(made=made_on(), models=len(rows), packages=packages, pairs=len(pairs), fast=fast)
+    older = sum(row.get("code") != package_code() for row in [*rows, *kinds])
+    lead = HEAD.format(made=made_on(), models=len(rows), packages=packages, pairs=len(pairs), fast=fast, older=older)
     parts = [lead, *_counts(rows, pairs), *_distribution(pairs), *_worst(pairs), *_refusals(rows)]
     parts += [*_kinds(kinds), *_ladders(ladders)]
     return "\n".join(parts).rstrip("\n") + "\n"

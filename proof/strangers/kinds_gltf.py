@@ -371,10 +371,14 @@ def _quantized():
 
 
 def _strip(mode, indices):
-    def edit(g):
-        g.tree["meshes"][0]["primitives"][0] |= {"mode": mode, "indices": g.accessor(np.array(indices, np.uint16))}
+    """(GLB whose vertices are those of a strip or a fan, GLB of them as triangles)"""
+    used, numbers = np.unique(indices, return_inverse=True)
+    rows = {"attributes": {"NORMAL": NORMALS[used], "TEXCOORD_0": UVS[used]}, "positions": POSITIONS[used]}
 
-    return _edited(coloured(), edit=edit)
+    def edit(g):
+        g.tree["meshes"][0]["primitives"][0]["mode"] = mode
+
+    return tuple(glb(coloured(), faces=numbers.astype(np.uint16), edit=how, **rows) for how in (edit, None))
 
 
 def _sparse(g):

@@ -373,6 +373,8 @@ def dae_kinds():
     mapped = {"look": MAP, "images": IMAGE.format("a.png"), "params": SAMPLED.format("")}
     red, whole = _colour("0.9 0.1 0.1 1"), glb(base(), {"NORMAL": NORMALS, "COLOR_0": _linear(COLOURS)})
 
+    green = [*_linear(np.array([0.1, 0.7, 0.2])).tolist(), 1]
+
     def row(data, without=plain, like="three.js", expected=b"", **files):
         return Kind({"model.dae": data, **files}, {"model.dae": without, **files}, like, expected)
 
@@ -398,7 +400,7 @@ def dae_kinds():
         "emission of constant": row(
             dae("<emission><color>0.1 0.7 0.2 1</color></emission>", "constant"),
             like="construction",
-            expected=glb({**base(baseColorFactor=[0, 0, 0, 1]), "emissiveFactor": _linear(np.array([0.1, 0.7, 0.2])).tolist()}),
+            expected=glb({**base(baseColorFactor=green), "extensions": {"KHR_materials_unlit": {}}}),
         ),
         "emission": row(
             dae("<emission><color>0.1 0.7 0.2 1</color></emission>" + _colour("0.2 0.2 0.2 1")), dae(_colour("0.2 0.2 0.2 1"))

@@ -66,8 +66,8 @@ def test_the_promise_is_let_go_where_the_stream_would_be_larger_than_its_source(
 
 
 def test_a_probe_is_right_where_detail_stands_on_little_of_the_surface():
-    """Noise on a thirtieth of the surface has nine tenths of the texels. Cells that were drawn by points alone missed it, and the
-    error came out 5 dB too small."""
+    """Noise on a thirtieth of the surface has nine tenths of the texels. Cells that are drawn by points
+    alone seldom meet it."""
     scene = wall(noisy(512, 20), n=30)
     small = np.arange(len(scene.faces)) % 30 == 0
     centre = scene.corner_uv[~small].mean(axis=1, keepdims=True)

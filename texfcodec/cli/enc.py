@@ -330,7 +330,7 @@ def _size_lines(facts):
 
 
 def _check_lines(facts):
-    """How close the stream is to its source as it was read, and what was lost before."""
+    """Yields the line that compares the stream with its source, with the losses of reading."""
     from ..core.colour_error import in_decibels
 
     check, lost = facts["check"], _losses_in_words(facts)
@@ -340,24 +340,24 @@ def _check_lines(facts):
     if not check["visible"]:
         yield f"checked: no surface is visible{lost}"
         return
-    told = {name: _as_read(check[name], facts) for name in ("y", "rgb")}
+    y, rgb = (_as_read(check[name], facts) for name in ("y", "rgb"))
     alpha = f", alpha {in_decibels(check['alpha'])}" if "alpha" in check else ""
     lit = f", lit {in_decibels(check['lit'])}" if "lit" in check else ""
     outline = f", with outlines {in_decibels(check['outline'])}" if "outline" in check else ""
     worst = check["worst"]
     part = f"; worst part '{worst['name']}' RGB {in_decibels(worst['rgb'])}" if worst and len(check["parts"]) > 1 else ""
-    yield f"checked: Y {told['y']}, RGB {told['rgb']}{alpha}{lit}{outline}{part}{lost}"
+    yield f"checked: Y {y}, RGB {rgb}{alpha}{lit}{outline}{part}{lost}"
 
 
 def _as_read(decibels, facts):
-    """A PSNR in words; without error it is exact, or as the source was read where something of it is lost."""
+    """Returns a PSNR in words: a match is "exact", or "as read" if reading lost something."""
     from ..core.colour_error import in_decibels
 
     return "as read" if decibels is None and facts["dropped"] else in_decibels(decibels)
 
 
 def _losses_in_words(facts):
-    """The losses by name, the first of many; without any, how many warnings there are."""
+    """Names the first losses and counts the others; counts the warnings if nothing is lost."""
     dropped, warnings = facts["dropped"], facts["warnings"]
     if dropped:
         more = f" and {len(dropped) - _NAMED} more, listed above" if len(dropped) > _NAMED else ""

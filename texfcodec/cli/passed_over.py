@@ -17,12 +17,12 @@ _FORKS = "._"  # what macOS writes beside a file on other systems' disks
 
 
 def is_system_folder(name: str) -> bool:
-    """Whether a folder holds nothing of the user's."""
+    """Returns whether a folder belongs to the operating system or an archiver, not to the user."""
     return name in _SYSTEM_FOLDERS
 
 
 def is_system_file(name: str) -> bool:
-    """Whether a file is an operating system's own, a resource fork such as ._chair.glb among them."""
+    """Returns whether the operating system wrote a file for itself, such as the resource fork ._chair.glb."""
     return name.startswith(_FORKS) or name.lower() in _SYSTEM_FILES
 
 

@@ -48,14 +48,14 @@ _FORMS: tuple[Callable[[Path], str], ...] = (short_name, _whole_name, _marked_na
 
 def given_names(results: Path) -> dict[str, str]:
     """{asset: name of its stream} of those that a file of results has streams of."""
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     with contextlib.suppress(OSError), open(results, "rb") as file:
         for line in file:
             with contextlib.suppress(ValueError, KeyError, TypeError):
                 row = json.loads(line)
                 if "stream" in row:
-                    found[row["asset"]] = row["out"]
-    return found
+                    names[row["asset"]] = row["out"]
+    return names
 
 
 def with_own_names(assets: list[Asset], given: dict[str, str]) -> list[Asset]:
@@ -87,7 +87,7 @@ def _clashing(assets, form):
 
 
 def _key(name):
-    """What a file system that knows neither case nor forms of accents takes a name for."""
+    """Returns a key that names share if a file system ignores letter case and Unicode forms."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 

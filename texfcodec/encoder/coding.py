@@ -139,7 +139,7 @@ def coding_of(rd: RateDistortion) -> Coding:
 
 
 def _is_anisotropic(source, number):
-    """Whether a material of a field has anisotropy, by its factor alone."""
+    """Returns whether a material of a field has an anisotropy factor, with or without a map."""
     used = np.unique(source.surface.material[source.face_field == number])
     return any(source.scene.materials[m].parameters.get("anisotropy", (0.0,))[0] > 0 for m in used)
 

@@ -31,7 +31,7 @@ def usual_surface(scene: Scene, request: EncodeOptions) -> Surface:
 
 
 def _loses_a_part(scene, surface):
-    """Whether some cell of space has lost half of its faces."""
+    """Returns whether the lattice removes half of the faces in some cell of the scene."""
     left = np.ones(len(scene.faces), bool)
     left[surface.origin_face] = False
     a, b, c = scene.faces.T

@@ -32,8 +32,9 @@ class PartFields:
 
 def choose_part_fields(scene: Scene, surface: Surface, face_field: np.ndarray, colours: np.ndarray,
                        rd: RateDistortion) -> Decision[PartFields]:
-    """Each small part over voxels that would fall short of the rate's promise gets a field with the smallest K, of some times
-    that of all, that keeps it, or the largest where none does. face_field: int64 [F]; colours: of material_colours()."""
+    """Gives a small part over voxels a field of its own if the common K breaks the rate's promise there. Its K is the common
+    one doubled until the promise is kept, or as far as the limits go. face_field: int64 [F]; colours: of
+    material_colours()."""
     own: dict[int, tuple[int, int]] = {}
     if rd.coder is None or not rd.is_free or not rd.has_promise or rd.max_error is not None or not (face_field >= 0).any():
         return Decision(PartFields(face_field, own), {})
@@ -54,15 +55,15 @@ def choose_part_fields(scene: Scene, surface: Surface, face_field: np.ndarray, c
 
 
 def _finer(scene, surface, faces, rd):
-    """(K, QP offset) of a part's own field, None where the K of all keeps the promise."""
+    """Returns (K, QP offset) of a part's own field, None if the common K keeps the promise."""
     patch = rd.patch(scene, surface, faces)
     if patch is None or rd.keeps_promise(rd.voxels(patch, rd.resolution, VOXEL_CELL), patch):
         return None
     chosen, k = None, 2 * rd.resolution
     while k <= MOST_RESOLUTION and patch.voxels(k) <= MOST_PART_VOXELS:
-        made = rd.voxels(patch, k, VOXEL_CELL)
-        chosen = k, made.qp_offset
-        if rd.keeps_promise(made, patch):
+        probe = rd.voxels(patch, k, VOXEL_CELL)
+        chosen = k, probe.qp_offset
+        if rd.keeps_promise(probe, patch):
             break
         k *= 2
     return chosen

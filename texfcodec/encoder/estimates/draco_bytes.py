@@ -24,7 +24,7 @@ def draco_bytes(lattice: np.ndarray, faces: np.ndarray, position_bits: int, uv: 
 
 
 def _coded_bytes(lattice, faces, position_bits, uv):
-    """As draco_bytes(). Raises InputError TXF-I62."""
+    """Returns the same, but raises InputError TXF-I62 if Draco cannot code the mesh."""
     if len(faces) > MOST_CODED:
         chosen = _pieces(lattice, faces, position_bits)
         part = _coded_bytes(lattice, faces[chosen], position_bits, None if uv is None else uv[chosen])

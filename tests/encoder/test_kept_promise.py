@@ -66,12 +66,13 @@ def test_the_promise_is_let_go_where_the_stream_would_be_larger_than_its_source(
 
 
 def test_a_probe_is_right_where_detail_stands_on_little_of_the_surface():
-    """Noise on a thirtieth of the surface has nine tenths of the texels. Cells that are drawn by points
-    alone seldom meet it."""
-    scene = wall(noisy(512, 20), n=30)
-    small = np.arange(len(scene.faces)) % 30 == 0
+    """Noise on a sixth of the surface has most of the texels. Cells drawn by points alone are 2.2 dB off here, 0.6 dB now."""
+    image = noisy(1024, 60)
+    image[:384, :384] = smooth_image(384, 384)
+    scene = wall(image, n=30)
+    small = np.arange(len(scene.faces)) % 6 == 0
     centre = scene.corner_uv[~small].mean(axis=1, keepdims=True)
-    scene.corner_uv[~small] = centre * [0.3, 0.3] + (scene.corner_uv[~small] - centre) * 0.05
+    scene.corner_uv[~small] = 0.02 + centre * [0.3, 0.3] + (scene.corner_uv[~small] - centre) * 0.05
     options = EncodeOptions(rate="r03")
     surface, rd = make_surface(scene, options), RateDistortion.of(options)
     (group,) = image_groups(scene, surface)

@@ -57,16 +57,16 @@ interrupts: install
 # this machine: make bench [BEFORE=commit] [OUT=file.jsonl] [PAGE=docs/reports/bench.md]; against a commit in turns: make bench TURNS=commit
 bench: install
 ifdef TURNS
-	@$(PY) bench/turns.py $(TURNS)
+	@$(PY) tools/bench/turns.py $(TURNS)
 else
 	@mkdir -p "$(dir $(or $(OUT),out/bench.jsonl))"
-	$(PY) -m pytest -q bench --benchmark-only --benchmark-timer=time.process_time --benchmark-json="$(or $(OUT),out/bench.jsonl).last"
-	@$(PY) bench/history.py "$(or $(OUT),out/bench.jsonl)" --append "$(or $(OUT),out/bench.jsonl).last" $(if $(BEFORE),--before $(BEFORE)) --compare $(if $(PAGE),--page "$(PAGE)")
+	$(PY) -m pytest -q tools/bench --benchmark-only --benchmark-timer=time.process_time --benchmark-json="$(or $(OUT),out/bench.jsonl).last"
+	@$(PY) tools/bench/history.py "$(or $(OUT),out/bench.jsonl)" --append "$(or $(OUT),out/bench.jsonl).last" $(if $(BEFORE),--before $(BEFORE)) --compare $(if $(PAGE),--page "$(PAGE)")
 endif
 
-# Voxel clouds with anchor results, see bench/anchor_bdrate.py: make anchor CLOUDS=folder [EFFORT=best]. JSON on stdout.
+# Voxel clouds with anchor results, see tools/bench/anchor_bdrate.py: make anchor CLOUDS=folder [EFFORT=best]. JSON on stdout.
 anchor: install
-	@$(PY) bench/anchor_bdrate.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) --json
+	@$(PY) tools/bench/anchor_bdrate.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) --json
 
 # The rival on voxels, TMC13, from the MPEG group's public sources; needs git, cmake and a C++ compiler: make tmc13 [OUT=folder] [FROM=address]
 TMC13 = $(abspath $(or $(OUT),out/tmc13))
@@ -78,74 +78,74 @@ tmc13:
 
 # What each tool of the attribute codec is worth, a Markdown table: make attribute-tools CLOUDS=folder [EFFORT=best] [OUT=file]
 attribute-tools: install
-	@$(PY) bench/attribute_tools.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) $(if $(OUT),--out "$(OUT)")
+	@$(PY) tools/bench/attribute_tools.py --clouds "$(CLOUDS)" $(if $(EFFORT),--effort $(EFFORT)) $(if $(OUT),--out "$(OUT)")
 
 # Against Draco with AVIF, WebP or JPEG at equal image PSNR, a Markdown table; an hour, and curves of other assets are made with
-# bench/everyday.py curves: make everyday ASSETS=folder [ANCHORS=folder] [OUT=file]
+# tools/bench/everyday.py curves: make everyday ASSETS=folder [ANCHORS=folder] [OUT=file]
 everyday: install
 	@mkdir -p "$(dir $(or $(OUT),out/everyday.json))"
-	$(PY) bench/everyday.py measure "$(ASSETS)"/*.glb --out "$(or $(OUT),out/everyday.json)"
-	@$(PY) bench/everyday.py compare --anchors bench/everyday $(if $(ANCHORS),--anchors "$(ANCHORS)") --points "$(or $(OUT),out/everyday.json)"
+	$(PY) tools/bench/everyday.py measure "$(ASSETS)"/*.glb --out "$(or $(OUT),out/everyday.json)"
+	@$(PY) tools/bench/everyday.py compare --anchors tools/bench/everyday $(if $(ANCHORS),--anchors "$(ANCHORS)") --points "$(or $(OUT),out/everyday.json)"
 
 # Every asset at every setting of a condition file, then tables: make rate-points [CONDITIONS=file] [ASSETS=folder] [JOBS=n] [OUT=folder]
 rate-points: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[baselines,plots]"
-	$(PY) bench/rate_points.py "$(or $(CONDITIONS),conditions/smoke.toml)" --out "$(or $(OUT),out/rate_points)" $(if $(ASSETS),--assets "$(ASSETS)") $(if $(JOBS),--jobs $(JOBS))
-	$(PY) bench/collect.py "$(or $(OUT),out/rate_points)" --out "$(or $(OUT),out/rate_points)"
+	$(PY) tools/bench/rate_points.py "$(or $(CONDITIONS),tools/conditions/smoke.toml)" --out "$(or $(OUT),out/rate_points)" $(if $(ASSETS),--assets "$(ASSETS)") $(if $(JOBS),--jobs $(JOBS))
+	$(PY) tools/bench/collect.py "$(or $(OUT),out/rate_points)" --out "$(or $(OUT),out/rate_points)"
 
 # docs/reports/results.md: every asset and the paper's rows against rivals; hours, resumable: make results ASSETS=folder [JOBS=n] [OUT=folder]
 results: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[rivals,baselines]"
-	for part in all_assets paper resident lossy_geometry; do $(PY) bench/rate_points.py conditions/$$part.toml --out "$(or $(OUT),out/results)/$$part" --assets "$(ASSETS)" $(if $(JOBS),--jobs $(JOBS)) || exit $$?; done
-	$(PY) bench/collect.py "$(or $(OUT),out/results)/paper" --against "UV-Source HEVC" --out "$(or $(OUT),out/results)"
-	$(PY) bench/paper_table.py --all "$(or $(OUT),out/results)/all_assets" --paper "$(or $(OUT),out/results)/paper" --resident "$(or $(OUT),out/results)/resident" --geometry "$(or $(OUT),out/results)/lossy_geometry" --assets "$(ASSETS)" --out docs/reports/results.md
+	for part in all_assets paper resident lossy_geometry; do $(PY) tools/bench/rate_points.py tools/conditions/$$part.toml --out "$(or $(OUT),out/results)/$$part" --assets "$(ASSETS)" $(if $(JOBS),--jobs $(JOBS)) || exit $$?; done
+	$(PY) tools/bench/collect.py "$(or $(OUT),out/results)/paper" --against "UV-Source HEVC" --out "$(or $(OUT),out/results)"
+	$(PY) tools/bench/paper_table.py --all "$(or $(OUT),out/results)/all_assets" --paper "$(or $(OUT),out/results)/paper" --resident "$(or $(OUT),out/results)/resident" --geometry "$(or $(OUT),out/results)/lossy_geometry" --assets "$(ASSETS)" --out docs/reports/results.md
 
 # Whether the points that pages were made of still have the same bytes, encoded and not measured; half an hour and more, resumable:
 # make again ASSETS=folder [JOBS=n] [PAGE=docs/reports/again.md]
 again: install
-	$(PY) bench/again.py --assets "$(ASSETS)" $(if $(JOBS),--jobs $(JOBS)) $(if $(PAGE),--page "$(PAGE)")
+	$(PY) tools/bench/again.py --assets "$(ASSETS)" $(if $(JOBS),--jobs $(JOBS)) $(if $(PAGE),--page "$(PAGE)")
 
 # Which settings of the encoder pay, and what a second buys: make accuracy-time [ASSET="file or name ..."] [ASSETS=folder]
 # [KNOB="name ..."] [QUICK=1] [REPEATS=n] [JOBS=n] [OUT=folder] [PAGE=docs/reports/accuracy_time.md]. Without ASSET the four of the page
 # where ASSETS names their folder, else the sample.
 accuracy-time: install
-	$(PY) bench/accuracy_time.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(or $(ASSET),$(if $(ASSETS),,sample)),--asset $(or $(ASSET),sample)) $(if $(KNOB),--knob $(KNOB)) $(if $(QUICK),--quick) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out "$(or $(OUT),out/accuracy_time)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) tools/bench/accuracy_time.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(or $(ASSET),$(if $(ASSETS),,sample)),--asset $(or $(ASSET),sample)) $(if $(KNOB),--knob $(KNOB)) $(if $(QUICK),--quick) $(if $(REPEATS),--repeats $(REPEATS)) $(if $(JOBS),--jobs $(JOBS)) --out "$(or $(OUT),out/accuracy_time)" $(if $(PAGE),--page "$(PAGE)")
 
 # 3DNTC payloads against ASTC, and what their fitting time buys; about an hour: make neural [ASSETS=folder] [OUT=folder]
 neural: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[baselines]"
-	$(PY) bench/rate_points.py conditions/resident.toml --out "$(or $(OUT),out/resident)" $(if $(ASSETS),--assets "$(ASSETS)")
-	$(PY) bench/rate_points.py conditions/neural_time.toml --out "$(or $(OUT),out/resident)" --keep-old $(if $(ASSETS),--assets "$(ASSETS)")
-	$(PY) bench/neural_time.py "$(or $(OUT),out/resident)" --out "$(or $(OUT),out/resident)"
+	$(PY) tools/bench/rate_points.py tools/conditions/resident.toml --out "$(or $(OUT),out/resident)" $(if $(ASSETS),--assets "$(ASSETS)")
+	$(PY) tools/bench/rate_points.py tools/conditions/neural_time.toml --out "$(or $(OUT),out/resident)" --keep-old $(if $(ASSETS),--assets "$(ASSETS)")
+	$(PY) tools/bench/neural_time.py "$(or $(OUT),out/resident)" --out "$(or $(OUT),out/resident)"
 
 # How far off hard cases can get: make stability [SECONDS=5] [CASE="name"] [MOST=1] [STATE=file.jsonl] [PAGE=docs/reports/stability.md]
 stability: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[plots]"
-	$(PY) proof/stability --seconds $(or $(SECONDS),5) $(if $(CASE),--case "$(CASE)") $(if $(MOST),--most) $(if $(STATE),--state "$(STATE)") $(if $(PAGE),--page "$(PAGE)")
+	$(PY) tools/proof/stability --seconds $(or $(SECONDS),5) $(if $(CASE),--case "$(CASE)") $(if $(MOST),--most) $(if $(STATE),--state "$(STATE)") $(if $(PAGE),--page "$(PAGE)")
 
 # Streams and decoded arrays over threads, versions, processors, locales and folders, a Markdown table:
 # make determinism [ASSETS=folder] [ENVIRONMENTS=1] [PYTHONS="file ..."] [OUT=folder] [PAGE=docs/reports/determinism.md]
 determinism: install
-	$(PY) proof/determinism.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(ENVIRONMENTS),--environments) $(foreach p,$(PYTHONS),--python "$(p)") --out "$(or $(OUT),out/determinism)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) tools/proof/determinism.py $(if $(ASSETS),--assets "$(ASSETS)") $(if $(ENVIRONMENTS),--environments) $(foreach p,$(PYTHONS),--python "$(p)") --out "$(or $(OUT),out/determinism)" $(if $(PAGE),--page "$(PAGE)")
 
 # Public models fetched by name and hash, coded, decoded and judged from outside; hours, resumable:
 # make strangers [CACHE=folder] [ROUND=n] [MOST=n] [LARGEST=bytes] [JOBS=n] [RATE=r04] [ROWS=file.jsonl] [BEFORE=file.jsonl] [PICTURES=n]
 # [PAGE=docs/reports/strangers.md KINDS=file.jsonl LADDERS=file.jsonl]; KINDS comes from make kinds
 strangers: install
-	$(PY) proof/strangers --cache "$(or $(CACHE),out/strangers)" --keep-old $(if $(MOST),--most $(MOST)) $(if $(LARGEST),--largest $(LARGEST)) $(if $(JOBS),--jobs $(JOBS)) $(if $(ROWS),--rows "$(ROWS)") $(if $(BEFORE),--before "$(BEFORE)") $(if $(PICTURES),--pictures $(PICTURES)) $(if $(ROUND),--round $(ROUND)) $(if $(RATE),--rate $(RATE)) $(if $(PAGE),--page "$(PAGE)") $(if $(KINDS),--kinds "$(KINDS)") $(if $(LADDERS),--ladders "$(LADDERS)")
+	$(PY) tools/proof/strangers --cache "$(or $(CACHE),out/strangers)" --keep-old $(if $(MOST),--most $(MOST)) $(if $(LARGEST),--largest $(LARGEST)) $(if $(JOBS),--jobs $(JOBS)) $(if $(ROWS),--rows "$(ROWS)") $(if $(BEFORE),--before "$(BEFORE)") $(if $(PICTURES),--pictures $(PICTURES)) $(if $(ROUND),--round $(ROUND)) $(if $(RATE),--rate $(RATE)) $(if $(PAGE),--page "$(PAGE)") $(if $(KINDS),--kinds "$(KINDS)") $(if $(LADDERS),--ladders "$(LADDERS)")
 
 # Files in each of which one property is the only thing that shows, drawn by other programs: make kinds [CACHE=folder] [ROWS=file.jsonl]
 kinds: install
-	$(PY) -m proof.strangers.kinds --cache "$(or $(CACHE),out/strangers)" $(if $(ROWS),--rows "$(ROWS)")
+	$(PY) -m tools.proof.strangers.kinds --cache "$(or $(CACHE),out/strangers)" $(if $(ROWS),--rows "$(ROWS)")
 
 # Six assets by three.js and by our renderer, a Markdown table: make three ASSETS=folder [ALIKE=all] [OUT=folder]
 three: install
-	$(PY) proof/three_check.py "$(ASSETS)" $(foreach name,$(ALIKE),--alike $(name)) --out "$(or $(OUT),out/three)"
+	$(PY) tools/proof/three_check.py "$(ASSETS)" $(foreach name,$(ALIKE),--alike $(name)) --out "$(or $(OUT),out/three)"
 
 # Memory over 500 calls, 8 processes at once, a batch with faults, memory of refused files, many faces, tasks of a Dask cluster:
 # make load [PART="slope ..."] [LARGE=1] [OUT=folder] [PAGE=docs/reports/load.md]
 load: install
-	$(PY) proof/load.py $(foreach p,$(PART),--part $(p)) $(if $(LARGE),--large) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) tools/proof/load.py $(foreach p,$(PART),--part $(p)) $(if $(LARGE),--large) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
 
 # Fuzz targets of the decoder and the loaders: make fuzz [SECONDS=20] [TARGET="name ..."] [OUT=folder] [PAGE=docs/reports/fuzzing.md]
 fuzz: install
@@ -155,14 +155,14 @@ fuzz: install
 faults: install
 	$(PY) tests/fuzz/faults.py --state "$(or $(OUT),out/fuzz)/state.jsonl"
 
-# Rules of the naive decoder that no vector holds, an hour or more (a part: proof/mutants.py --only 7.6, a sample: --sample 400): make mutants [STATE=file.jsonl] [PAGE=docs/reports/mutants.md]
+# Rules of the naive decoder that no vector holds, an hour or more (a part: tools/proof/mutants.py --only 7.6, a sample: --sample 400): make mutants [STATE=file.jsonl] [PAGE=docs/reports/mutants.md]
 mutants: install
-	$(PY) proof/mutants.py --state "$(or $(STATE),out/mutants.jsonl)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) tools/proof/mutants.py --state "$(or $(STATE),out/mutants.jsonl)" $(if $(PAGE),--page "$(PAGE)")
 
 # Branches of all that a decode imports, the JIT off, and those that nothing takes: make coverage [PART="name ..."] [OUT=folder] [PAGE=docs/reports/coverage.md]
 coverage: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
-	$(PY) proof/coverage_table.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/coverage)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) tools/proof/coverage_table.py $(foreach p,$(PART),--part $(p)) --out "$(or $(OUT),out/coverage)" $(if $(PAGE),--page "$(PAGE)")
 
 # The three targets below rewrite committed files; nothing else does.
 vectors: install
@@ -207,7 +207,7 @@ clean:
 	find texfcodec tests conformance bench proof release tools -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true
 
 # All that is published of the last commit, built twice and the same both times; needs npm, and pip's index: make release [OUT=folder]
-# [NPM=no]. Then, for every Python at hand: python release/try_wheel.py out/release/texfcodec-*.whl python3.12 ...
+# [NPM=no]. Then, for every Python at hand: python tools/release/try_wheel.py out/release/texfcodec-*.whl python3.12 ...
 release: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[release]"
-	$(PY) -m release.make_release --out "$(or $(OUT),out/release)" $(if $(filter no,$(NPM)),--without-npm)
+	$(PY) -m tools.release.make_release --out "$(or $(OUT),out/release)" $(if $(filter no,$(NPM)),--without-npm)

@@ -17,7 +17,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 PROJECT = ("bitstream_spec.md", "conformance/README.md", "js/README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md",
            "PATENTS.md")
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
-VASE, SCAN, COLOURS = "vase", "scan with image", "scan with vertex colours"  # the demo asset, and meshes of proof/face_meshes.py
+VASE, SCAN, COLOURS = "vase", "scan with image", "scan with vertex colours"  # the demo asset, and meshes of face_meshes.py
 GALLERY = {"texels": (VASE, ["--rate", "r04"]), "voxels": (VASE, ["--resolution", "512", "--qp", "24"]),
            "small": (VASE, ["--rate", "r01"]), "scan": (SCAN, ["--rate", "r03"]), "colours": (COLOURS, ["--rate", "r03"])}
 FACES = 20_000  # of the generated meshes
@@ -68,7 +68,7 @@ def _make(mesh, path):
         _run("texfcodec.demo.asset", path)
         return
     sys.path.insert(0, str(REPOSITORY))
-    from proof.face_meshes import GENERATORS, glb_of
+    from tools.proof.face_meshes import GENERATORS, glb_of
 
     path.write_bytes(glb_of(GENERATORS[mesh](FACES)))
 

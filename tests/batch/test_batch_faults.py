@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from batches import REPOSITORY, environment, stamps, wait_for, write_ball
 
-from bench.conditions import read_conditions
-from bench.rate_points import main
+from tools.bench.conditions import read_conditions
+from tools.bench.rate_points import main
 
 PLUGIN = '''
 import os
@@ -17,7 +17,7 @@ import pickle
 import threading
 from pathlib import Path
 
-from bench.methods import Method, method
+from tools.bench.methods import Method, method
 
 PROGRAM = Path(__file__).with_name("program")
 
@@ -163,7 +163,7 @@ def test_the_time_limit_of_a_condition_file_is_a_number_above_zero(tmp_path):
 FULL_DISK = """
 import subprocess, sys
 from pathlib import Path
-from bench.rate_points import main
+from tools.bench.rate_points import main
 top = Path(sys.argv[1])
 stamps = lambda: {p.parent.name: p.stat().st_mtime_ns for p in (top / "disk").glob("out/*/*/metrics.json")}
 words = [str(top / "c.toml"), "--out", str(top / "disk/out")]

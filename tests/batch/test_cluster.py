@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 from batches import REPOSITORY, children_in, environment, stamps, wait_for, write_ball
 
-from bench.rate_points import main
 from texfcodec.batch.cluster import files_of, run_there
 from texfcodec.batch.folders import WORK, only_run, work_room
 from texfcodec.batch.tasks import Task, package_code
 from texfcodec.errors import InputError
+from tools.bench.rate_points import main
 
 pytest.importorskip("distributed", reason='pip install "texfcodec[cluster]"')
 LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="children are looked up in /proc")
@@ -95,8 +95,8 @@ def begin_batch(folder, cluster):
     """rate_points.py as a process, in a folder that gets the ball and CONDITIONS."""
     write_ball(folder)
     (folder / "c.toml").write_text(CONDITIONS)
-    return subprocess.Popen([sys.executable, REPOSITORY / "bench/rate_points.py", folder / "c.toml", "--out", folder / "out",
-                             "--scheduler", cluster.address], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    command = [sys.executable, REPOSITORY / "tools/bench/rate_points.py", folder / "c.toml", "--out", folder / "out"]
+    return subprocess.Popen([*command, "--scheduler", cluster.address], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                             env=environment(), preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
 
 

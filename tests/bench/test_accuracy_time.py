@@ -10,16 +10,26 @@ import numpy as np
 import pytest
 from shapes import painted_sphere
 
-from bench import accuracy_bench, accuracy_time
-from bench.accuracy_bench import Bench, Measured, known_place, place_of, run_settings
-from bench.accuracy_fronts import BYTES, DECIBELS, SECONDS, asset_of, beaten_presets, dominates, dominators, steps_of, to_change
-from bench.accuracy_knobs import BY_NAME, KNOBS, NO_KNOB, STREAM, TEXELS, VOXELS, Place, curve_settings
-from bench.accuracy_page import csv_rows, page_of
-from bench.accuracy_plot import draw, front_of
-from bench.accuracy_time import settings_of
 from texfcodec.encoder import source_field
 from texfcodec.encoder.explain import BETTER, BUYS, DOMINATED, SAVES
 from texfcodec.options import RATES, EncodeOptions
+from tools.bench import accuracy_bench, accuracy_time
+from tools.bench.accuracy_bench import Bench, Measured, known_place, place_of, run_settings
+from tools.bench.accuracy_fronts import (
+    BYTES,
+    DECIBELS,
+    SECONDS,
+    asset_of,
+    beaten_presets,
+    dominates,
+    dominators,
+    steps_of,
+    to_change,
+)
+from tools.bench.accuracy_knobs import BY_NAME, KNOBS, NO_KNOB, STREAM, TEXELS, VOXELS, Place, curve_settings
+from tools.bench.accuracy_page import csv_rows, page_of
+from tools.bench.accuracy_plot import draw, front_of
+from tools.bench.accuracy_time import settings_of
 
 HOUSE, SCAN = Place(TEXELS, 512, 1024), Place(VOXELS, 1024, 2048, True)
 ARGUMENTS = SimpleNamespace(threads=1, jobs=1, repeats=3, quick=False)

@@ -1,14 +1,14 @@
-"""bench/again.py: recorded bytes that the present code still makes, and those that it does not."""
+"""tools/bench/again.py: recorded bytes that the present code still makes, and those that it does not."""
 
 import json
 
 import pytest
 
-from bench import again
-from bench.accuracy_bench import read_runs
-from bench.conditions import SAMPLE, find_assets
 from texfcodec.api import encode_to_result
 from texfcodec.errors import EXIT_DIFFERS, EXIT_IO
+from tools.bench import again
+from tools.bench.accuracy_bench import read_runs
+from tools.bench.conditions import SAMPLE, find_assets
 
 OPTIONS = {"resolution": 32, "effort": "fast", "support": "voxels", "refine": "off", "position_bits": 8, "no_check": True}
 GOOD, BAD = {**OPTIONS, "qp": 36}, {**OPTIONS, "qp": 40}

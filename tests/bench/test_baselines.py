@@ -1,4 +1,4 @@
-"""Rivals of bench/methods: they count what they would have to be paid, and what is measured is what is counted."""
+"""Rivals of tools/bench/methods: they count what they would have to be paid, and what is measured is what is counted."""
 
 import dataclasses
 import json
@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from shapes import crossing_sheets, painted_sphere
 
-from bench.rate_points import main
 from texfcodec.report import Report
 from texfcodec.scene.scene import Material, Scene, Texture
+from tools.bench.rate_points import main
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 BYTES_OF_2048 = {"12x12": 467_856, "10x10": 672_400, "8x8": 1_048_576, "6x6": 1_871_424}
@@ -34,20 +34,20 @@ def seamed_strip(shift=0.0):
 
 @pytest.mark.parametrize("block, size", BYTES_OF_2048.items())
 def test_texture_bytes_are_sixteen_a_block(block, size):
-    from bench.methods.astc import block_of, texture_bytes
+    from tools.bench.methods.astc import block_of, texture_bytes
 
     assert texture_bytes(2048, 2048, block_of(block)) == size
 
 
 @pytest.mark.parametrize("width, height, block, blocks", [(1, 1, (12, 12), 1), (12, 13, (12, 12), 2), (25, 9, (10, 5), 6)])
 def test_blocks_that_an_image_begins_count_whole(width, height, block, blocks):
-    from bench.methods.astc import texture_bytes
+    from tools.bench.methods.astc import texture_bytes
 
     assert texture_bytes(width, height, block) == 16 * blocks
 
 
 def test_uvs_are_counted_once_per_vertex_of_a_renderer():
-    from bench.methods.astc import textured_vertices
+    from tools.bench.methods.astc import textured_vertices
 
     scene = seamed_strip()
     uv, vertex = textured_vertices(scene)
@@ -58,8 +58,8 @@ def test_uvs_are_counted_once_per_vertex_of_a_renderer():
 
 
 def test_uvs_of_the_basketball_player_are_those_of_its_file(shared_dir):
-    from bench.methods.astc import quantise_uv, textured_vertices, uv_box
     from texfcodec.io.load import load
+    from tools.bench.methods.astc import quantise_uv, textured_vertices, uv_box
 
     uv, _ = textured_vertices(load(shared_dir / "assets/bball_0001.glb"))
     assert uv_box(uv) == [[0, 0], [1, 1]] and quantise_uv(uv, uv_box(uv)).nbytes == 82_768
@@ -69,7 +69,7 @@ def test_uvs_of_the_basketball_player_are_those_of_its_file(shared_dir):
     "low, high, box", [(0.2, 0.9, [[0, 0], [1, 1]]), (0, 1, [[0, 0], [1, 1]]), (-1.5, 3.2, [[-2, -2], [4, 4]])]
 )
 def test_uvs_are_rounded_to_sixteen_bits_of_whole_tiles(low, high, box):
-    from bench.methods.astc import UV_STEPS, dequantise_uv, quantise_uv, uv_box
+    from tools.bench.methods.astc import UV_STEPS, dequantise_uv, quantise_uv, uv_box
 
     uv = np.concatenate([np.random.default_rng(1).uniform(low, high, (999, 2)), [[low, low], [high, high]]])
     assert uv_box(uv) == box
@@ -82,7 +82,7 @@ def test_uvs_are_rounded_to_sixteen_bits_of_whole_tiles(low, high, box):
 
 
 def test_images_are_coded_once_and_only_where_a_face_uses_them():
-    from bench.methods.astc import used_textures
+    from tools.bench.methods.astc import used_textures
 
     scene = seamed_strip()
     images, textures = used_textures(scene)
@@ -95,17 +95,17 @@ def test_images_are_coded_once_and_only_where_a_face_uses_them():
 
 
 def test_scene_without_textures_is_refused():
-    from bench.methods.astc import used_textures
+    from tools.bench.methods.astc import used_textures
 
     with pytest.raises(LookupError, match="no face has a base-colour texture"):
         used_textures(painted_sphere(4))
 
 
 def test_missing_library_is_named_and_hides_no_method(monkeypatch):
-    from bench.methods import METHODS, find
+    from tools.bench.methods import METHODS, find
 
     monkeypatch.setitem(sys.modules, "astc_encoder", None)
-    monkeypatch.delitem(sys.modules, "bench.methods.astc", raising=False)
+    monkeypatch.delitem(sys.modules, "tools.bench.methods.astc", raising=False)
     monkeypatch.delitem(METHODS, "astc", raising=False)
     rival = find("astc")
     assert find("texf") and isinstance(rival.version(), str)
@@ -117,7 +117,7 @@ def test_missing_library_is_named_and_hides_no_method(monkeypatch):
     "name, value", [("block", "7x7"), ("quality", 101), ("quality", True), ("uv_bytes", "float"), ("profile", "hdr")]
 )
 def test_options_out_of_range_are_refused(name, value):
-    from bench.methods.astc import Codec
+    from tools.bench.methods.astc import Codec
 
     with pytest.raises(ValueError, match=f"{name} must be"):
         Codec({name: value}, 1)
@@ -128,7 +128,7 @@ def test_options_out_of_range_are_refused(name, value):
 
 def coded(scene, folder, **options):
     """(what encode says, the decoded Scene, its hash), the decoder being another Astc than the encoder."""
-    from bench.methods import find
+    from tools.bench.methods import find
 
     folder.mkdir()
     facts = find("astc").encode(scene, {"quality": 60, **options}, folder, 1, Report())
@@ -138,7 +138,7 @@ def coded(scene, folder, **options):
 
 
 def test_astc_decodes_to_what_the_encoder_hashed(needs_astc, tmp_path):
-    from bench.methods.astc import Astc
+    from tools.bench.methods.astc import Astc
 
     scene = crossing_sheets()
     facts, decoded, sha256 = coded(scene, tmp_path / "a", block="4x4")
@@ -153,7 +153,7 @@ def test_astc_decodes_to_what_the_encoder_hashed(needs_astc, tmp_path):
 
 
 def test_files_of_astc_are_as_large_as_what_is_counted(needs_astc, tmp_path):
-    from bench.methods.astc import IMAGE, UVS
+    from tools.bench.methods.astc import IMAGE, UVS
 
     facts, _, _ = coded(seamed_strip(), tmp_path / "a", block="12x10")
     assert (tmp_path / "a" / IMAGE.format(0)).stat().st_size == facts["bytes"]["texture"] == 16 * 3 * 2
@@ -185,7 +185,7 @@ def test_smaller_blocks_are_closer_and_alpha_is_kept(needs_astc, tmp_path):
 
 
 def test_vertex_colours_beside_textures_are_named(needs_astc, sample_scene, tmp_path):
-    from bench.methods import find
+    from tools.bench.methods import find
 
     report = Report()
     facts = find("astc").encode(sample_scene, {"block": "12x12", "quality": 0}, tmp_path, 1, report)
@@ -220,7 +220,7 @@ def material_sheet(**maps):
 
 
 def test_maps_are_packed_as_gltf_packs_them():
-    from bench.methods.sheets import COLOUR, DATA, NORMAL, map_sheets
+    from tools.bench.methods.sheets import COLOUR, DATA, NORMAL, map_sheets
 
     scene = material_sheet(occlusion=1, roughness=0, metallic=1, normal=2, emissive=1)
     sheets, placed = map_sheets(scene)
@@ -240,7 +240,7 @@ def test_maps_are_packed_as_gltf_packs_them():
 
 
 def test_two_components_hold_a_normal_map():
-    from bench.methods.sheets import three_components, two_components
+    from tools.bench.methods.sheets import three_components, two_components
 
     image = material_sheet().textures[2].image
     packed = two_components(image)
@@ -249,7 +249,7 @@ def test_two_components_hold_a_normal_map():
 
 
 def test_a_scene_is_its_own_equal_and_errors_are_told_by_channel():
-    from bench.material_quality import map_errors
+    from tools.bench.material_quality import map_errors
 
     scene = material_sheet(roughness=1, normal=2)
     same = map_errors(scene, dataclasses.replace(scene), 2000)
@@ -264,9 +264,9 @@ def test_a_scene_is_its_own_equal_and_errors_are_told_by_channel():
 
 
 def test_normals_of_a_payload_are_those_that_a_viewer_shades_with():
-    from bench.material_quality import map_errors
     from texfcodec import EncodeOptions, decode
     from texfcodec.encoder.pipeline import encode_scene
+    from tools.bench.material_quality import map_errors
 
     scene = material_sheet(normal=2)
     made = encode_scene(scene, EncodeOptions(codec="3dntc", threads=1, resolution=32, resident_bytes=40_000, steps=400,
@@ -277,7 +277,7 @@ def test_normals_of_a_payload_are_those_that_a_viewer_shades_with():
 
 @pytest.mark.parametrize("normals, closest", [("xy", 0.1), ("rgb", 1.5)])
 def test_astc_of_all_maps_counts_and_keeps_them(needs_astc, tmp_path, normals, closest):
-    from bench.material_quality import map_errors
+    from tools.bench.material_quality import map_errors
 
     scene = material_sheet(roughness=1, metallic=1, normal=2)
     scene.corner_normal = np.broadcast_to(np.float32([0, 0.6, 0.8]), (2, 3, 3)).copy()
@@ -294,8 +294,8 @@ def test_astc_of_all_maps_counts_and_keeps_them(needs_astc, tmp_path, normals, c
 
 def test_bc7_and_bc5_of_all_maps_count_and_keep_them(tmp_path):
     pytest.importorskip("etcpak", reason="etcpak is not installed: pip install \"texfcodec[baselines]\"")
-    from bench.material_quality import map_errors
-    from bench.methods import find
+    from tools.bench.material_quality import map_errors
+    from tools.bench.methods import find
 
     scene, sizes, found = material_sheet(metallic=1, normal=2), [], []
     scene.textures[0] = Texture(scene.textures[2].image)
@@ -315,7 +315,7 @@ def test_bc7_and_bc5_of_all_maps_count_and_keep_them(tmp_path):
 
 @pytest.mark.parametrize("name, value", [("halvings", -1), ("uber", 5), ("uber", True), ("uv_bytes", "float"), ("maps", "some")])
 def test_options_of_bc7_out_of_range_are_refused(name, value):
-    from bench.methods.bc7 import Codec
+    from tools.bench.methods.bc7 import Codec
 
     with pytest.raises(ValueError, match=f"{name} must be"):
         Codec({name: value})

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from batches import metrics
 
-from bench import collect
-from bench.differences import Difference, pairs_of, rate_difference, summary
-from bench.results import published_rows, quality_of, read_missing, read_results
 from texfcodec.metrics.bd_rate import bd_rate
+from tools.bench import collect
+from tools.bench.differences import Difference, pairs_of, rate_difference, summary
+from tools.bench.results import published_rows, quality_of, read_missing, read_results
 
 CURVES = {  # (asset, group): bytes, dB
     ("vase", "old"): ([300, 500, 900, 1700], [30.0, 33.0, 36.0, 39.0]),
@@ -146,7 +146,7 @@ def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_pat
     points = [{"method": "Net", "asset": asset, "rate": 200.0 * 2**i, "measure": "3D-PSNR Y", "quality": 30.0 + 3 * i,
                "source": "Somebody 2025, table 3"} for asset in ("vase", "basket") for i in range(3)]
     module = types.SimpleNamespace(read_published=lambda path: points)
-    monkeypatch.setitem(sys.modules, "bench.methods.published", module)
+    monkeypatch.setitem(sys.modules, "tools.bench.methods.published", module)
     collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--published", "x.csv", "--against", "old"])
     text = (tmp_path / "out/results.md").read_text()
     assert "## basket (published, other material)" in text and "| Net 400 (Somebody 2025, table 3) | Net, published |" in text

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.conditions import read_conditions
-from bench.rate_points import main
 from texfcodec.options import EncodeOptions
+from tools.bench.conditions import read_conditions
+from tools.bench.rate_points import main
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SETTING = '[[settings]]\nname = "a"\n'
@@ -47,19 +47,19 @@ def test_mistakes_in_conditions_are_named(tmp_path, text, sentence):
 
 
 def test_committed_conditions_are_sound():
-    for path in sorted((REPOSITORY / "conditions").glob("*.toml")):
+    for path in sorted((REPOSITORY / "tools" / "conditions").glob("*.toml")):
         conditions = read_conditions(path)
         assert "sample" in conditions["assets"] and conditions["settings"]
         for setting in conditions["settings"]:
             if setting["method"] == "texf":
                 EncodeOptions(**setting["options"])
-    paper = read_conditions(REPOSITORY / "conditions/paper.toml")["settings"]
+    paper = read_conditions(REPOSITORY / "tools/conditions/paper.toml")["settings"]
     assert all(s["options"]["effects"] == "none" for s in paper if s["method"].startswith("texf"))
     assert all(s["options"].get("exact_rate") for s in paper if s["method"] == "texf" and s["group"].startswith("TexF voxels"))
 
 
 def test_the_command_line_takes_the_place_of_the_evaluation_and_picks_assets():
-    path = REPOSITORY / "conditions/paper.toml"
+    path = REPOSITORY / "tools/conditions/paper.toml"
     whole, part = read_conditions(path), read_conditions(path, ["size=256", "ssim=false"], ["bball_0001"])
     assert part["evaluation"] == whole["evaluation"] | {"size": 256, "ssim": False} and part["assets"] == ["bball_0001"]
     for wrong in (["size"], ["sice=3"], ["size=true"]):
@@ -70,13 +70,13 @@ def test_the_command_line_takes_the_place_of_the_evaluation_and_picks_assets():
 
 
 def test_smoke_has_every_method_and_each_can_say_what_it_misses(monkeypatch, tmp_path):
-    from bench.methods import METHODS, __path__, find
+    from tools.bench.methods import METHODS, __path__, find
 
     for module in pkgutil.iter_modules(__path__):
-        import_module(f"bench.methods.{module.name}")
+        import_module(f"tools.bench.methods.{module.name}")
     # Plug-ins of other tests are set aside.
-    ours = {name for name, kind in METHODS.items() if kind.__module__.startswith("bench.methods.")}
-    settings = read_conditions(REPOSITORY / "conditions/smoke.toml")["settings"]
+    ours = {name for name, kind in METHODS.items() if kind.__module__.startswith("tools.bench.methods.")}
+    settings = read_conditions(REPOSITORY / "tools/conditions/smoke.toml")["settings"]
     assert {s["method"] for s in settings} == ours
     assert len({s["group"] for s in settings}) >= 12
     monkeypatch.setenv("PATH", str(tmp_path))

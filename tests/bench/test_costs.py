@@ -1,4 +1,4 @@
-"""bench/costs.py: seconds go to the functions that take them, and the page has the largest of both sides."""
+"""tools/bench/costs.py: seconds go to the functions that take them, and the page has the largest of both sides."""
 
 import json
 import os
@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 
-from bench import costs
+from tools.bench import costs
 
 MADE = """
 import threading

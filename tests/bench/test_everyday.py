@@ -1,4 +1,4 @@
-"""bench/everyday.py: the envelope of the rivals, what Draco and the images make of an asset, and our points against them."""
+"""everyday of tools/bench: the envelope of the rivals, what Draco and the images cost, and our points against them."""
 
 import json
 from dataclasses import replace
@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from shapes import crossing_sheets, painted_sphere, sphere
 
-from bench import everyday, everyday_envelope, everyday_rivals
-from bench.everyday_envelope import bd_rate_against, compacted, curves_of, envelope, front, point_differences
-from bench.everyday_points import setting_of
-from bench.everyday_views import MetricViews
 from texfcodec.metrics.views import compare_views
 from texfcodec.scene.scene import Material, Scene, Texture
+from tools.bench import everyday, everyday_envelope, everyday_rivals
+from tools.bench.everyday_envelope import bd_rate_against, compacted, curves_of, envelope, front, point_differences
+from tools.bench.everyday_points import setting_of
+from tools.bench.everyday_views import MetricViews
 
 STEEP, SHALLOW = ("avif", 1, 12), ("webp", 2, 10)
 TABLE = {"bball_0001": -28, "ycb_scissors": -20, "waterbottle_pbr": -17, "vintage_fan": 1, "cat_webp": 28, "damaged_helmet": 330}
@@ -241,7 +241,7 @@ def test_rows_of_rate_points_are_read_as_points(tmp_path):
 
 
 def test_measured_points_have_the_bytes_of_the_stream():
-    from bench.everyday_points import point
+    from tools.bench.everyday_points import point
 
     p = point(painted_sphere(), "r01", {"resolution": 64, "qp": 30}, 1)
     assert set(p) == {"rate", "total", "geometry", "attributes", "y", "rgb", "yuv", "encode_seconds"}

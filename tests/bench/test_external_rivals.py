@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from shapes import crossing_sheets, hand, mapped_sheet, painted_sphere, scene_of, sphere, square
 
-from bench.methods.distance_field import Winding, dec_distances, enc_distances, quantised, signed_distances
-from bench.methods.external import External, ExternalImage, read_ply, write_ply
-from bench.methods.programs import ProgramError
-from bench.methods.published import read_published
-from bench.methods.sdf import Sdf, dec_solid, enc_solid
-from bench.methods.vertex_colours import Patchwork, VertexColours, subdivided
 from texfcodec.report import Report
+from tools.bench.methods.distance_field import Winding, dec_distances, enc_distances, quantised, signed_distances
+from tools.bench.methods.external import External, ExternalImage, read_ply, write_ply
+from tools.bench.methods.programs import ProgramError
+from tools.bench.methods.published import read_published
+from tools.bench.methods.sdf import Sdf, dec_solid, enc_solid
+from tools.bench.methods.vertex_colours import Patchwork, VertexColours, subdivided
 
 STAND_IN = '''
 import struct, sys, zlib
@@ -81,7 +81,7 @@ def test_tmc13_counts_the_attribute_bricks_that_its_log_tells(tmp_path, stand_in
     assert 0 < facts["bytes"]["texture"] < sizes["cloud0.bin"]
     assert facts["bytes"]["geometry"] + facts["bytes"]["other"] == sizes["stream.texf"]
     assert facts["bytes"]["total"] == sizes["stream.texf"] + facts["bytes"]["texture"]
-    from bench.methods.voxel_values import rgba_of, voxel_values
+    from tools.bench.methods.voxel_values import rgba_of, voxel_values
 
     values = rgba_of(voxel_values(painted_sphere(), {"resolution": 32, "threads": 1}, Report()).fields[0])
     assert np.abs(decoded.fields[0].rgba.astype(int) - values).max() <= 2

@@ -1,6 +1,6 @@
-"""bench/first_run.py: what is compiled is seen, and the page sums it up."""
+"""tools/bench/first_run.py: what is compiled is seen, and the page sums it up."""
 
-from bench import first_run
+from tools.bench import first_run
 
 
 def test_the_page_has_rooms_and_the_longest():

@@ -27,7 +27,7 @@ ACT
 
 
 def found(method, **options):
-    from bench.methods import find
+    from tools.bench.methods import find
 
     return find(method), options
 
@@ -125,7 +125,7 @@ def smooth_image():
 
 
 def test_source_has_what_is_seen_and_nothing_else(tmp_path):
-    from bench.methods.glb import checked, coded_images, document_of, source_of, write_document
+    from tools.bench.methods.glb import checked, coded_images, document_of, source_of, write_document
 
     scene = crossing_sheets()
     source = source_of(scene)
@@ -145,7 +145,7 @@ def test_source_has_what_is_seen_and_nothing_else(tmp_path):
 
 
 def test_source_far_from_the_origin_keeps_its_shape(tmp_path):
-    from bench.methods.glb import checked, coded_images, document_of, source_of, write_document
+    from tools.bench.methods.glb import checked, coded_images, document_of, source_of, write_document
 
     scene = mapped_sheet({})
     scene.positions = scene.positions + [4e6, -5e6, 6e6]
@@ -163,7 +163,7 @@ def test_vertex_colours_are_looks_and_no_geometry(needs_ktx2, tmp_path):
 @pytest.fixture
 def reads_meshopt(monkeypatch):
     """What stand-ins write is no meshopt, so that nothing needs to be installed that reads it."""
-    monkeypatch.setattr("bench.methods.gltfpack.meshopt_missing", lambda: None)
+    monkeypatch.setattr("tools.bench.methods.gltfpack.meshopt_missing", lambda: None)
 
 
 @pytest.mark.parametrize("method", PROGRAMS)
@@ -178,7 +178,7 @@ def reads_meshopt(monkeypatch):
     ],
 )
 def test_faults_of_programs_are_sentences(reads_meshopt, tmp_path, method, act, sentence):
-    from bench.methods.programs import ProgramError
+    from tools.bench.methods.programs import ProgramError
 
     act = "if target.endswith('geometry.glb') or 'trial' in source: shutil.copy(source, target); sys.exit()\n" + act
     with pytest.raises((ProgramError, ValueError), match=sentence):
@@ -187,7 +187,7 @@ def test_faults_of_programs_are_sentences(reads_meshopt, tmp_path, method, act, 
 
 @pytest.mark.parametrize("method", PROGRAMS)
 def test_images_of_another_size_are_refused(reads_meshopt, tmp_path, method):
-    from bench.methods.glb import coded_images, document_of, source_of, write_document
+    from tools.bench.methods.glb import coded_images, document_of, source_of, write_document
 
     other = source_of(mapped_sheet({}, colour=np.ascontiguousarray(smooth_image()[:48])))
     write_document(document_of(other, coded_images(other, "png")), tmp_path / "other.glb")
@@ -205,7 +205,7 @@ def test_program_that_does_nothing_is_counted_as_such(tmp_path):
 
 
 def test_hanging_program_ends_with_all_it_started(tmp_path):
-    from bench.methods.programs import ProgramError, run_program
+    from tools.bench.methods.programs import ProgramError, run_program
 
     fifo = tmp_path / "alive"
     os.mkfifo(fifo)
@@ -251,7 +251,7 @@ def assert_let_go(reader):
 
 @pytest.mark.parametrize("method", PROGRAMS)
 def test_missing_programs_are_told_and_how_to_get_them(monkeypatch, tmp_path, method):
-    from bench.methods.programs import ProgramError
+    from tools.bench.methods.programs import ProgramError
 
     name, variable = PROGRAMS[method]
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -267,7 +267,7 @@ def test_missing_programs_are_told_and_how_to_get_them(monkeypatch, tmp_path, me
 
 
 def test_what_else_is_missing_is_told(monkeypatch, tmp_path):
-    from bench.methods import glb, ktx2
+    from tools.bench.methods import glb, ktx2
 
     monkeypatch.setenv("PATH", str(tmp_path))
     assert "needs the command ktx" in found("gltf_transform")[0].missing({"texture": "etc1s", "program": sys.executable})

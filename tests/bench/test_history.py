@@ -1,10 +1,10 @@
-"""bench/history.py: a line a run, and what counts as slower."""
+"""tools/bench/history.py: a line a run, and what counts as slower."""
 
 import json
 
 import pytest
 
-from bench import history
+from tools.bench import history
 
 FOUND = {"machine_info": {"cpu": {"brand_raw": "a processor", "count": 2}, "python_version": "3.12.1", "machine": "x86_64"},
          "commit_info": {"id": "a" * 40, "dirty": True}, "datetime": "2026-11-26T09:30:00.000001+00:00",

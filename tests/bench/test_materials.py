@@ -1,4 +1,4 @@
-"""bench/materials.py: what its rival codes of normals, TANGENTs and maps, how both are looked at, and the table."""
+"""tools/bench/materials.py: what its rival codes of normals, TANGENTs and maps, how both are looked at, and the table."""
 
 import json
 from dataclasses import replace
@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 from shapes import sphere
 
-from bench import material_rivals, materials
-from bench.everyday_rivals import (
+from texfcodec.api import decode, encode_to_result
+from texfcodec.geometry.tangents import corner_tangents
+from texfcodec.metrics.views import Look, compare_views
+from texfcodec.options import EncodeOptions
+from texfcodec.render.environment import DAYLIGHT
+from texfcodec.scene.scene import Material, Scene, Texture
+from tools.bench import material_rivals, materials
+from tools.bench.everyday_rivals import (
     TANGENT_ID,
     CornerFrames,
     dequantise_tangent,
@@ -21,13 +27,7 @@ from bench.everyday_rivals import (
     quantise_uv,
     rival_of,
 )
-from bench.material_views import LitViews
-from texfcodec.api import decode, encode_to_result
-from texfcodec.geometry.tangents import corner_tangents
-from texfcodec.metrics.views import Look, compare_views
-from texfcodec.options import EncodeOptions
-from texfcodec.render.environment import DAYLIGHT
-from texfcodec.scene.scene import Material, Scene, Texture
+from tools.bench.material_views import LitViews
 
 
 def bumpy_sphere(hand=1):

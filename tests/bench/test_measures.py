@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 from shapes import painted_sphere
 
-from bench.conditions import EVALUATION, read_conditions
-from bench.jobs import jobs_of
-from bench.measures import measure_job, measures, views_shown
 from texfcodec.metrics import perceptual
+from tools.bench.conditions import EVALUATION, read_conditions
+from tools.bench.jobs import jobs_of
+from tools.bench.measures import measure_job, measures, views_shown
 
 SMALL = EVALUATION | {"samples": 500, "views": 3, "size": 64}
 

@@ -1,4 +1,4 @@
-from bench import pairs
+from tools.bench import pairs
 
 
 def row(wall, content, size=10):

@@ -1,7 +1,7 @@
 """The page of results: whom our curves stand against, and what the page says of it."""
 
-from bench import paper_table
-from bench.paper_table import ANCHOR, AUTO, VERTEX_ANCHOR, _evaluation, asset_lines, by_asset_lines, paper_lines
+from tools.bench import paper_table
+from tools.bench.paper_table import ANCHOR, AUTO, VERTEX_ANCHOR, _evaluation, asset_lines, by_asset_lines, paper_lines
 
 
 def rows_of(group, asset, factor, uv=None, geometry=None):

@@ -3,7 +3,7 @@ import sys
 
 import pytest
 
-from bench.processes import timed
+from tools.bench.processes import timed
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="os.wait4")

@@ -1,11 +1,11 @@
-"""bench/provenance.py: what pages say of the state of the code."""
+"""tools/bench/provenance.py: what pages say of the state of the code."""
 
 import subprocess
 from pathlib import Path
 
 import pytest
 
-from bench.provenance import commit_of, made_on, state_of
+from tools.bench.provenance import commit_of, made_on, state_of
 
 
 @pytest.fixture

@@ -8,21 +8,21 @@ import sys
 import pytest
 from batches import REPOSITORY, children_in, environment, stamps, wait_for, write_ball
 
-from bench import collect
-from bench.batch import not_ours, only_run, settle
-from bench.conditions import read_conditions
-from bench.jobs import Job, jobs_of
-from bench.rate_points import main
-from bench.results import keep_rows, read_missing, read_results
 from texfcodec.batch.folders import WORK
 from texfcodec.batch.tasks import DONE, Outcome
+from tools.bench import collect
+from tools.bench.batch import not_ours, only_run, settle
+from tools.bench.conditions import read_conditions
+from tools.bench.jobs import Job, jobs_of
+from tools.bench.rate_points import main
+from tools.bench.results import keep_rows, read_missing, read_results
 
 EVALUATION = "[evaluation]\nsamples = 2000\nviews = 2\nsize = 48\nssim = true\npictures = 1\npicture_size = 32\n"
 PLUGIN = '''
 import pickle
 
-from bench.methods import Method, method
-from bench.methods.texf import TexfMethod
+from tools.bench.methods import Method, method
+from tools.bench.methods.texf import TexfMethod
 
 
 @method("liar")
@@ -83,7 +83,7 @@ assets = ["ball"]
 method = "carbon"
 colour = "red"
 ''')
-    run = subprocess.run([sys.executable, REPOSITORY / "bench/rate_points.py", folder / "all.toml", "--out", folder / "out",
+    run = subprocess.run([sys.executable, REPOSITORY / "tools/bench/rate_points.py", folder / "all.toml", "--out", folder / "out",
                           "--jobs", "2"], capture_output=True, text=True, check=False, env=environment())
     return folder, run.returncode, run.stdout, run.stderr
 
@@ -192,7 +192,7 @@ def test_killed_and_interrupted_batches_leave_no_child_and_are_resumed(tmp_path,
     arguments = [str(tmp_path / "c.toml"), "--out", str(out)]
     kinds = (signal.SIGKILL, "q24", -signal.SIGKILL), (signal.SIGINT, "q36", 130)
     for number, awaited, code in kinds:
-        run = subprocess.Popen([sys.executable, REPOSITORY / "bench/rate_points.py", *arguments], stderr=subprocess.DEVNULL,
+        run = subprocess.Popen([sys.executable, REPOSITORY / "tools/bench/rate_points.py", *arguments], stderr=subprocess.DEVNULL,
                                env=environment(), preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
         wait_for(lambda awaited=awaited: any(f'"setting": "{awaited}"' in text for text in job_texts(out)) and children_in(out))
         run.send_signal(number)

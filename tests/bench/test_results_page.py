@@ -12,8 +12,8 @@ from html.parser import HTMLParser
 import pytest
 from batches import metrics
 
-from bench import collect, page
-from bench.results import curve_of, read_results
+from tools.bench import collect, page
+from tools.bench.results import curve_of, read_results
 
 HOSTILE = "</script><img src=x onerror=\"document.title='taken'\"><b>&amp;'{{data}}"
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from shapes import crossing_sheets, painted_sphere
 
-from bench.methods.addressing import STRUCTURES, enc_dag
-from bench.methods.space_filling import CURVES, FILLS, curve_keys, from_image, image_places, image_size, to_image
 from texfcodec.field.morton import encode_morton
 from texfcodec.report import Report
+from tools.bench.methods.addressing import STRUCTURES, enc_dag
+from tools.bench.methods.space_filling import CURVES, FILLS, curve_keys, from_image, image_places, image_size, to_image
 
 
 def every_cell(dimensions, bits):
@@ -91,7 +91,7 @@ def test_dag_has_equal_subtrees_once():
 
 def coded(scene, folder, threads=1, **options):
     """What encoding told, and the method and Texf of the files it left in the folder."""
-    from bench.methods.serialized import Serialized
+    from tools.bench.methods.serialized import Serialized
 
     folder.mkdir()
     method = Serialized()
@@ -103,7 +103,7 @@ def coded(scene, folder, threads=1, **options):
 
 def expected_values(scene, resolution):
     """Values of the voxels before coding, by field, uint8 [N, 4]."""
-    from bench.methods.voxel_values import rgba_of, voxel_values
+    from tools.bench.methods.voxel_values import rgba_of, voxel_values
 
     return [rgba_of(part) for part in voxel_values(scene, {"resolution": resolution, "threads": 1}, Report()).fields]
 
@@ -149,7 +149,7 @@ def test_serialised_hevc_counts_its_files_and_decodes_to_the_voxels(tmp_path, fi
 @pytest.mark.parametrize(("option", "value"), [("curve", "peano"), ("fill", "spiral"), ("tile", 48), ("codec", "png"),
                                                ("addressing", "table")])
 def test_options_out_of_range_are_refused_with_what_there_is(tmp_path, option, value):
-    from bench.methods.serialized import Serialized
+    from tools.bench.methods.serialized import Serialized
 
     with pytest.raises(ValueError, match=f"{option} must be one of"):
         Serialized().encode(painted_sphere(), {option: value}, tmp_path, 1, Report())

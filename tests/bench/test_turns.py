@@ -1,11 +1,11 @@
-"""bench/turns.py: the fastest over all rounds, and a checkout that goes again."""
+"""tools/bench/turns.py: the fastest over all rounds, and a checkout that goes again."""
 
 import subprocess
 
 import pytest
 from test_history import run
 
-from bench import turns
+from tools.bench import turns
 
 
 def test_rounds_are_merged_to_the_fastest_and_the_median_of_medians():

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from shapes import crossing_sheets, sphere
 
-from bench.methods import find, image_codecs, parametrise
 from texfcodec.metrics.views import mesh_psnr_3d
 from texfcodec.report import Report
 from texfcodec.scene.scene import Material, Scene, Texture
+from tools.bench.methods import find, image_codecs, parametrise
 
 QUALITIES = {"hevc": (22, 40), "av1": (12, 45), "avif": (12, 45), "webp": (95, 30), "jpeg": (92, 30), "jxl": (0.5, 6.0)}
 LEAST_PSNR = {"hevc": 42, "av1": 42, "avif": 42, "webp": 40, "jpeg": 41, "jxl": 43}  # dB at the first of these
@@ -232,7 +232,7 @@ def test_geometry_is_the_same_bytes_whatever_codes_the_texture(tmp_path):
 def test_results_are_of_other_code_when_a_shared_file_changes(monkeypatch, tmp_path):
     names = ("uv", "texf", "astc", "bc7", "external_image", "vertex_colours", "serialized", "sdf", "external")
     before = {name: find(name).version() for name in names}
-    from bench import everyday_rivals
+    from tools.bench import everyday_rivals
 
     changed = tmp_path / "everyday_rivals.py"
     changed.write_text("# other code")
@@ -249,8 +249,8 @@ def test_more_uv_bits_cost_more_and_are_closer(tmp_path):
 
 
 def test_bits_follow_the_image_and_its_repeats():
-    from bench.everyday_rivals import rival_of
-    from bench.methods.uv import DEFAULTS, uv_bits_of
+    from tools.bench.everyday_rivals import rival_of
+    from tools.bench.methods.uv import DEFAULTS, uv_bits_of
 
     scene = patch()
     assert uv_bits_of(rival_of(scene), DEFAULTS) == 12
@@ -304,7 +304,7 @@ def test_scene_without_a_texture_says_so(tmp_path, parametrisation):
 @pytest.mark.parametrize("name, value", [("parametrisation", "planes"), ("scale", 0), ("size", -1), ("uv_bits", 3),
                                          ("uv_bits", "x"), ("seconds", "long")])
 def test_options_of_uv_out_of_range_are_refused(name, value):
-    from bench.methods.uv import checked
+    from tools.bench.methods.uv import checked
 
     with pytest.raises(ValueError, match=f"{name} must be"):
         checked({"codec": "jpeg", name: value})

@@ -4,8 +4,8 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from bench.provenance import made_on
 from fuzz.targets import TARGETS
+from tools.bench.provenance import made_on
 
 MENDED = Path(__file__).with_name("mended.json")
 HEAD = """# Fuzzing

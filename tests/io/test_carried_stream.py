@@ -107,7 +107,7 @@ def test_the_validator_finds_nothing(sheet, tmp_path):
     if shutil.which("node") is None:
         pytest.skip("node is not here")
     (tmp_path / "a.glb").write_bytes(carrying(sheet)[0])
-    run = subprocess.run(["node", str(REPOSITORY / "proof" / "validate_glb.mjs"), str(tmp_path / "a.glb")], cwd=REPOSITORY,
+    run = subprocess.run(["node", str(REPOSITORY / "tools/proof/validate_glb.mjs"), str(tmp_path / "a.glb")], cwd=REPOSITORY,
                          capture_output=True, text=True, check=False)
     if run.returncode == 2:
         pytest.skip("gltf-validator is not here: npm install gltf-validator")

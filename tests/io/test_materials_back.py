@@ -231,7 +231,7 @@ def test_the_validator_finds_nothing(tmp_path, support):
     texf = decode(encode_scene(scene, EncodeOptions(support=support, resolution=48, qp=16)).data)
     for n, options in enumerate(({}, {"texture_format": "jpeg"}, {"appearance": "vertex"})):
         save(texf, tmp_path / f"{n}.glb", **options)
-    run = subprocess.run(["node", str(REPOSITORY / "proof" / "validate_glb.mjs"), *map(str, sorted(tmp_path.glob("*.glb")))],
+    run = subprocess.run(["node", str(REPOSITORY / "tools/proof/validate_glb.mjs"), *map(str, sorted(tmp_path.glob("*.glb")))],
                          cwd=REPOSITORY, capture_output=True, text=True, check=False)
     if run.returncode == 2:
         pytest.skip("gltf-validator is not here: npm install gltf-validator")

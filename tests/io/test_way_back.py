@@ -111,7 +111,7 @@ def test_the_validator_finds_nothing_in_colours_at_vertices(tmp_path):
         pytest.skip("node is not here")
     for number, scene in enumerate((painted_sphere(6), scene_of(*sphere(6)))):
         save(coded(scene), tmp_path / f"{number}.glb")
-    run = subprocess.run(["node", str(REPOSITORY / "proof" / "validate_glb.mjs"), *map(str, sorted(tmp_path.glob("*.glb")))],
+    run = subprocess.run(["node", str(REPOSITORY / "tools/proof/validate_glb.mjs"), *map(str, sorted(tmp_path.glob("*.glb")))],
                          cwd=REPOSITORY, capture_output=True, text=True, check=False)
     if run.returncode == 2:
         pytest.skip("gltf-validator is not here: npm install gltf-validator")

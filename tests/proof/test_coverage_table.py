@@ -1,13 +1,13 @@
-"""proof/coverage_table.py: a branch that no run takes is found, named or not, and what is measured is what a decode imports."""
+"""coverage_table of tools/proof: a branch that no run takes is found, and what is measured is what a decode imports."""
 
 import json
 from functools import partial
 
 import pytest
 
-from proof import coverage_table
-from proof.coverage_page import page_of
-from proof.coverage_table import (
+from tools.proof import coverage_table
+from tools.proof.coverage_page import page_of
+from tools.proof.coverage_table import (
     LEAST,
     REASONS,
     REPOSITORY,

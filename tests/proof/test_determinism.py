@@ -9,14 +9,14 @@ import pytest
 from conftest import REPOSITORY
 from shapes import crossing_sheets, painted_sphere
 
-from proof import determinism
-from proof.determinism_child import fingerprint
-from proof.determinism_page import ARRAYS, FAILS, NOT_RUN, SAME, STREAM, verdicts_of
 from texfcodec.api import decode
 from texfcodec.codecs.raht import attribute_coder as codec_room
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.field import voxelise as voxelise_room
 from texfcodec.options import DecodeOptions, EncodeOptions
+from tools.proof import determinism
+from tools.proof.determinism_child import fingerprint
+from tools.proof.determinism_page import ARRAYS, FAILS, NOT_RUN, SAME, STREAM, verdicts_of
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_without_the_jit_morton_keys_are_made_too():
     assert run.stdout.strip() == "[[7, 7, 7]]", run.stderr[-500:]
 
 
-# The matrix of proof/determinism.py
+# The matrix of tools/proof/determinism.py
 
 
 def doctored(path, **changes):

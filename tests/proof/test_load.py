@@ -1,4 +1,4 @@
-"""proof/load.py: memory over many calls and of refused files, and that what goes wrong under load is seen."""
+"""tools/proof/load.py: memory over many calls and of refused files, and that what goes wrong under load is seen."""
 
 import json
 import mmap
@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from shapes import painted_sphere
 
-from proof import load, load_batch, load_cluster, load_faces, load_levels, load_together
-from proof.face_meshes import GENERATORS, glb_of
-from proof.load_refused import FAULTY, TARGET, by_tool, in_forks, refused_faults
-from proof.load_slope import measured, slope_of
 from texfcodec.api import decode
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.io.load import load as load_mesh
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
+from tools.proof import load, load_batch, load_cluster, load_faces, load_levels, load_together
+from tools.proof.face_meshes import GENERATORS, glb_of
+from tools.proof.load_refused import FAULTY, TARGET, by_tool, in_forks, refused_faults
+from tools.proof.load_slope import measured, slope_of
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory of processes is looked up in /proc")
 

@@ -1,4 +1,4 @@
-"""proof/mutants.py: what is changed, and that a vector's killing is seen."""
+"""tools/proof/mutants.py: what is changed, and that a vector's killing is seen."""
 
 import json
 import os
@@ -7,8 +7,8 @@ from itertools import product
 
 import pytest
 
-from proof import mutants
-from proof.mutants import Case, Mutant, cases_of, is_of, killer_of, mutants_of, page_of, traced, wanted_mutants
+from tools.proof import mutants
+from tools.proof.mutants import Case, Mutant, cases_of, is_of, killer_of, mutants_of, page_of, traced, wanted_mutants
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="mutants run in forked processes")
 

@@ -1,4 +1,4 @@
-"""The table of proof/stability: every case holds its bound, the page says what the table says, and a broken bound is seen."""
+"""The table of tools/proof/stability: every case holds its bound, the page agrees with the table, and a broken bound is seen."""
 
 import math
 import os
@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from proof.stability import __main__ as command
-from proof.stability.case import Case, Draws, value_of, worst_of
-from proof.stability.page import bound_of, page_of, row_of, rows_of
-from proof.stability.table import CASES, GROUPS
+from tools.proof.stability import __main__ as command
+from tools.proof.stability.case import Case, Draws, value_of, worst_of
+from tools.proof.stability.page import bound_of, page_of, row_of, rows_of
+from tools.proof.stability.table import CASES, GROUPS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PAGE = REPOSITORY / "docs" / "reports" / "stability.md"
@@ -99,7 +99,7 @@ def test_draws_stay_in_their_range_at_the_ends(answer):
 
 def test_the_command_is_called_as_a_folder_from_anywhere_and_as_a_module(tmp_path):
     bare = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    for words, folder in (([REPOSITORY / "proof/stability"], tmp_path), (["-m", "proof.stability"], REPOSITORY)):
+    for words, folder in (([REPOSITORY / "tools/proof/stability"], tmp_path), (["-m", "tools.proof.stability"], REPOSITORY)):
         line = [sys.executable, *words, "--help"]
         run = subprocess.run(line, cwd=folder, env=bare, capture_output=True, text=True, check=False)
         assert run.returncode == 0 and run.stdout.startswith("usage: stability"), run.stderr

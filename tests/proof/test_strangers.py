@@ -1,4 +1,4 @@
-"""proof/strangers: the list, what is fetched by it, whether a model that falls short is seen; a sample, where it can be had."""
+"""strangers of tools/proof: the list, what it fetches, a model that falls short is seen; a sample, if there is one."""
 
 import copy
 import io
@@ -18,10 +18,13 @@ from mesh_files import SQUARE_UV, Builder, encoded
 from PIL import Image
 from shapes import scene_of, square
 
-from proof.strangers import fetch as fetching
-from proof.strangers.__main__ import fetch
-from proof.strangers.fetch import Unfetched, archive_of, unpack
-from proof.strangers.judge import (
+from texfcodec.batch.children import Children
+from texfcodec.io.formats import SUFFIXES
+from texfcodec.scene.scene import ALPHA_BLEND, Material
+from tools.proof.strangers import fetch as fetching
+from tools.proof.strangers.__main__ import fetch
+from tools.proof.strangers.fetch import Unfetched, archive_of, unpack
+from tools.proof.strangers.judge import (
     INTERNAL,
     INVALID,
     LARGE_MESH,
@@ -38,16 +41,13 @@ from proof.strangers.judge import (
     losses_of,
     summary,
 )
-from proof.strangers.kinds import ERROR, FAULT, FORMATS, NAMED, OK, UNSHOWN, judged, write_kind
-from proof.strangers.listing import Stranger, add_package, read_list, strangers_of, write_list
-from proof.strangers.measure import compare
-from proof.strangers.page import page_of
-from proof.strangers.pictures import draw
-from proof.strangers.rows import add_row, read_rows, strict_json
-from proof.strangers.run import RATE, Inside, Room, code_stranger, node_modules
-from texfcodec.batch.children import Children
-from texfcodec.io.formats import SUFFIXES
-from texfcodec.scene.scene import ALPHA_BLEND, Material
+from tools.proof.strangers.kinds import ERROR, FAULT, FORMATS, NAMED, OK, UNSHOWN, judged, write_kind
+from tools.proof.strangers.listing import Stranger, add_package, read_list, strangers_of, write_list
+from tools.proof.strangers.measure import compare
+from tools.proof.strangers.page import page_of
+from tools.proof.strangers.pictures import draw
+from tools.proof.strangers.rows import add_row, read_rows, strict_json
+from tools.proof.strangers.run import RATE, Inside, Room, code_stranger, node_modules
 
 CACHE = Path(__file__).resolve().parents[2] / "out" / "strangers"
 SAMPLE = {"npm": ("assimpjs", "mind-ar"), "pypi": ("jvrc-description", "compas")}  # small packages with small models
@@ -332,7 +332,7 @@ def test_files_that_a_model_names_are_listed_though_our_reader_passes_them_over(
                           "package/maps/a b.png": b"png", "package/c.png": b"no", "package/package.json": b"{}"}, "made-2.tgz")
     text = "npm:made:2:5"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("proof.strangers.listing.archive_of", lambda package, cache: cache / "archives" / "npm" / "made-2.tgz")
+        patch.setattr("tools.proof.strangers.listing.archive_of", lambda package, cache: cache / "archives/npm/made-2.tgz")
         (package,) = add_package(text, tmp_path, [], number=2)
         assert add_package("npm:other:2:5", tmp_path, [package], number=2)[1]["models"] == []  # known by its hash
     (model,) = package["models"]
@@ -358,10 +358,10 @@ def test_the_page_tells_counts_pairs_the_worst_and_kinds(row):
 
 
 def test_the_folder_is_called_with_its_own_tools_whatever_code_names(tmp_path):
-    for package in ("bench", "proof"):
+    for package in ("tools",):
         (tmp_path / package).mkdir()
         (tmp_path / package / "__init__.py").write_text("raise SystemExit('another checkout')")
-    run = subprocess.run([sys.executable, "proof/strangers", "--code", str(tmp_path), "--help"], cwd=REPOSITORY,
+    run = subprocess.run([sys.executable, "tools/proof/strangers", "--code", str(tmp_path), "--help"], cwd=REPOSITORY,
                          capture_output=True, text=True, check=False)
     assert run.returncode == 0 and run.stdout.startswith("usage: strangers"), run.stderr
 

@@ -1,4 +1,4 @@
-"""proof/three_check.py: what it hands to three.js, how pictures are compared; both renderers on one mesh, where a browser is."""
+"""three_check of tools/proof: what it passes to three.js, how pictures are compared; both renderers on one mesh."""
 
 import json
 import os
@@ -11,9 +11,15 @@ import pytest
 from browser import BROWSER
 from mesh_files import Builder
 
-from proof import three_check
-from proof.strangers.run import node_modules
-from proof.three_check import (
+from texfcodec.geometry.areas import face_areas
+from texfcodec.geometry.tangents import corner_tangents
+from texfcodec.io.load import load
+from texfcodec.metrics.views import Look, compare_views
+from texfcodec.render.camera import to_camera
+from texfcodec.render.environment import DAYLIGHT
+from tools.proof import three_check
+from tools.proof.strangers.run import node_modules
+from tools.proof.three_check import (
     Shown,
     agreement,
     arguments_of,
@@ -25,12 +31,6 @@ from proof.three_check import (
     told_camera,
     told_lights,
 )
-from texfcodec.geometry.areas import face_areas
-from texfcodec.geometry.tangents import corner_tangents
-from texfcodec.io.load import load
-from texfcodec.metrics.views import Look, compare_views
-from texfcodec.render.camera import to_camera
-from texfcodec.render.environment import DAYLIGHT
 
 MODULES = Path(__file__).resolve().parents[2] / "out" / "strangers"
 

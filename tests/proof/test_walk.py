@@ -1,8 +1,8 @@
-"""proof/walk.py: an argument is followed where it goes, and the request of an encode does not wander."""
+"""tools/proof/walk.py: an argument is followed where it goes, and the request of an encode does not wander."""
 
 import pytest
 
-from proof.walk import PACKAGE, Package, Walk
+from tools.proof.walk import PACKAGE, Package, Walk
 
 FILES = {
     "ground.py": "def deepest(thing, number): return thing\ndef never(thing): return 1\n",

@@ -17,7 +17,7 @@ REPOSITORY = pages.REPOSITORY
 COMMANDS = {"texf-enc": enc.enc, "texf-dec": dec.dec, "texf-info": info.info, "texf-render": render.render,
             "texf-eval": eval.evaluate, "texf-validate": validate.validate, "texf-view": view.view}
 FLAG = re.compile(r"--[a-z][a-z-]*[a-z]")
-# Flags of other programs: bench/ (--out), conformance/run.py, proof/view_check.py; --max-... stands for all limits.
+# Flags of other programs: tools/bench/ (--out), conformance/run.py, tools/proof/view_check.py; --max-... stands for all limits.
 OTHER_FLAGS = {"--out", "--max", "--decoder", "--queries", "--home", "--shaders"}
 PAGES = [pages.README, *pages.guide_pages()]
 FRONT = ("README.md", "CONTRIBUTING.md", "SECURITY.md", "js/README.md", "conformance/README.md")
@@ -96,7 +96,7 @@ def test_broken_links_are_found(tmp_path):
 
 
 def test_every_program_that_the_guide_names_is_there():
-    program = re.compile(r"\b(?:bench|conditions|conformance|proof|tests|texfcodec)/[\w/]+\.\w+")
+    program = re.compile(r"\b(?:conformance|tests|texfcodec|tools)/[\w/]+\.\w+")
     programs = {name for path in PAGES for name in program.findall(path.read_text(encoding="utf-8"))}
     assert len(programs) > 5 and [name for name in programs if not (REPOSITORY / name).exists()] == []
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 import texfcodec
-from release import npm_package, parts_list, try_wheel
-from release.make_release import _keep_what_is_the_same, _write_sums
-from release.same_bytes import normalised_tar
-from release.wheel_contents import DESCRIPTION, faults_of_contents
 from texfcodec.io.load import load
+from tools.release import npm_package, parts_list, try_wheel
+from tools.release.make_release import _keep_what_is_the_same, _write_sums
+from tools.release.same_bytes import normalised_tar
+from tools.release.wheel_contents import DESCRIPTION, faults_of_contents
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]

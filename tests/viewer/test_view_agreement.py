@@ -9,7 +9,6 @@ from browser import needs_browser
 from PIL import Image
 from shapes import painted_sphere
 
-from proof.view_check import TOLERANCE, network_error
 from texfcodec.api import decode
 from texfcodec.errors import SupportError
 from texfcodec.render.camera import bounding_sphere, direction_of_angles, perspective_around
@@ -17,6 +16,7 @@ from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.shade import box_down, render_scene, render_texf
 from texfcodec.viewer.headless import run_jobs
 from texfcodec.viewer.pack import pack
+from tools.proof.view_check import TOLERANCE, network_error
 
 VECTORS = Path(__file__).resolve().parents[2] / "conformance"
 SIZE, AVERAGED, FOV = 48, 3, 30.0

@@ -28,7 +28,7 @@ from texfcodec.codecs.neural.fit_samples import Samples, Source
 from texfcodec.scene.channels import ALPHA
 
 CASES = (("player", "bball_0001.glb", ("mpeg1", "mpeg6")), ("bottle", "waterbottle_pbr.glb", ("mpeg1",)))
-POSITION_BITS = 18  # as in conditions/materials.toml
+POSITION_BITS = 18  # as in tools/conditions/materials.toml
 SEED = 0  # samples take [SEED, 0], held-out points [SEED, 1], latents and weights SEED, batches [SEED, 1, epoch]
 SMALL_SAMPLES = 1 << 14
 

@@ -1,0 +1,84 @@
+"""What a job measures of what it has decoded, and the pictures that it leaves for the page of results."""
+
+from dataclasses import replace
+
+import numpy as np
+
+OVERSAMPLING, QUALITY = 2, 92  # pixels averaged a side; of WebP, where blocks of the encoder are not seen any more
+
+
+def measure_job(scene, decoded, job, folder):
+    """measures() of a job, whose facts are in job; "pictures": the views of those written into its folder, where some are."""
+    evaluation, threads = job["evaluation"], job["threads"]
+    measured = measures(scene, decoded, evaluation, threads)
+    if evaluation["pictures"]:
+        measured["pictures"] = write_pictures(scene, decoded, evaluation, folder, threads)
+    return measured
+
+
+def measures(scene, decoded, evaluation, threads):
+    """{"psnr_3d", "image", "maps"} of what was decoded, a Texf or a Scene; the last two are None where they are not asked for."""
+    from texfcodec.metrics.psnr_3d import SourceSamples
+    from texfcodec.metrics.views import compare_views, mesh_psnr_3d
+    from texfcodec.texf import Texf
+
+    if isinstance(decoded, Texf):
+        psnr = SourceSamples(scene, evaluation["samples"], threads).compare(decoded)
+    else:
+        psnr = mesh_psnr_3d(scene, decoded, evaluation["samples"], threads)
+    measured = {"psnr_3d": psnr, "image": None, "maps": None}
+    if evaluation["maps"]:
+        from tools.bench.material_quality import map_errors
+
+        measured["maps"] = map_errors(scene, decoded, evaluation["samples"], threads)
+    if evaluation["views"]:
+        measured["image"] = compare_views(scene, decoded, views=evaluation["views"], size=evaluation["size"],
+                                          ssim=evaluation["ssim"], lpips=_lpips(evaluation["lpips"]), threads=threads)
+    return measured
+
+
+def _lpips(weights):
+    """perceptual.Lpips over the weights of a path; None for "", none were named."""
+    if not weights:
+        return None
+    from texfcodec.metrics.perceptual import Lpips
+
+    return Lpips(weights)
+
+
+def views_shown(pictures, views):
+    """Numbers of the metric's views that pictures are made of: as many, at equal distances from the top to the bottom."""
+    count = min(pictures, views)
+    return [(2 * i + 1) * views // (2 * count) for i in range(count)]
+
+
+def write_pictures(scene, decoded, evaluation, folder, threads):
+    """Writes source_VIEW and picture_VIEW, WebP (PNG where Pillow has no WebP), into a job's folder; the numbers of the views.
+
+    The source's stand in every job's folder, because that may be all that comes back from where it ran.
+    """
+    from PIL import Image, features
+
+    from texfcodec.metrics.views import VIEWS
+    from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
+    from texfcodec.render.shade import box_down
+
+    views = evaluation["views"] or VIEWS
+    shown, size = views_shown(evaluation["pictures"], views), evaluation["picture_size"] * OVERSAMPLING
+    ending, how = (".webp", {"quality": QUALITY, "method": 4}) if features.check("webp") else (".png", {})
+    place = bounding_sphere(scene.positions)
+    for view in shown:
+        camera = orthographic(fibonacci_direction(view, views), *place, size)
+        for name, side in (("source", scene), ("picture", decoded)):
+            image = box_down(_picture(side, camera, threads).image(), OVERSAMPLING)
+            Image.fromarray(np.ascontiguousarray(image)).save(folder / f"{name}_{view:02d}{ending}", **how)
+    return shown
+
+
+def _picture(side, camera, threads):
+    """Picture of a Scene or Texf with every back face culled, as compare_views() sees it."""
+    from texfcodec.render.shade import render_scene, render_texf
+    from texfcodec.texf import Texf
+
+    side = replace(side, materials=[replace(material, double_sided=False) for material in side.materials])
+    return (render_texf if isinstance(side, Texf) else render_scene)(side, camera, threads=threads)

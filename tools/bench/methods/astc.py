@@ -1,0 +1,259 @@
+"""The GPU-resident rival UV-Source/ASTC: the source's own UVs and its textures in ASTC blocks, as a GPU holds them: those of the
+base colour, or the maps of whole materials with them, packed as glTF packs them (sheets.py).
+
+What counts is what a GPU would have to hold beside the geometry: 16 bytes a block of every image that a face uses, without mips
+and file headers, and two 16-bit numbers per vertex of a textured face. What is counted is what the decoder works with: it gets
+the decoded blocks and the rounded UVs. Geometry is the source's and costs nothing. UV-Reparam/ASTC is the same with a new
+parametrisation and one image of as many texels (parametrise.py), on geometry of 14 bits, which costs nothing either.
+
+Needs astc-encoder-py, `pip install "texfcodec[baselines]"`; its "thorough" preset is quality 98.
+"""
+
+import hashlib
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from texfcodec.scene.scene import Material, Scene, Texture
+from tools.bench.methods import Method, checked_options, method, parametrise, sheets, source_hash, versions_of
+from tools.bench.methods.parametrise import PARAMETRISATIONS, SOURCE_UVS, Request, reparametrised, side_of
+from tools.bench.methods.sheets import COLOUR, NORMAL, map_sheets, three_components, two_components
+
+DEFAULTS = {"block": "6x6", "quality": 98, "uv_bytes": "uint16", "profile": "ldr", "maps": "none", "normals": "xy",
+            "parametrisation": "source"}
+BLOCKS = ("4x4", "5x4", "5x5", "6x5", "6x6", "8x5", "8x6", "8x8", "10x5", "10x6", "10x8", "10x10", "12x10", "12x12")
+# Texels of colours stay sRGB-coded either way. The linear profile meets the figures known for bball_0001 best (3D-PSNR Y 44.5,
+# 46.0, 47.7, 50.2 at 12x12, 10x10, 8x8, 6x6; at the same surface points it has 44.53, 45.92, 47.66, 50.24). The sRGB profile,
+# always decoded to 8 bits, is the stronger rival: 44.63, 46.06, 47.86, 50.64.
+PROFILES = {"ldr": "LDR", "srgb": "LDR_SRGB"}
+BLOCK_BYTES, UV_STEPS = 16, 65535
+HANDLING = {"uv_bytes": ("uint16", "none"), "maps": ("none", "all"), "parametrisation": PARAMETRISATIONS}  # of any image codec
+CHOICES = {"block": BLOCKS, "profile": tuple(PROFILES), "normals": ("xy", "rgb"), **HANDLING}
+FRAMES = ("corner_normal", "corner_tangent")  # handed through, as geometry is
+SOURCE, LAYOUT, UVS, IMAGE = "source.npz", "layout.json", "uv.uint16", "image{}.blocks"
+
+
+@method("astc")
+class Astc(Method):
+    """Options and their defaults stand in DEFAULTS: block is one of BLOCKS; quality 0 to 100; uv_bytes "uint16", or "none" for
+    UVs as they are that count nothing; profile one of PROFILES, for colours; maps "none", base colour alone, or "all" that show
+    more than one value; normals "xy", two components with the encoder's own measure of angles, or "rgb";
+    parametrisation one of PARAMETRISATIONS."""
+
+    options = tuple(DEFAULTS)
+    packages = ("astc-encoder-py",)  # what codes
+
+    def codec(self, options, threads):
+        """What codes one image. LookupError, ValueError: as Codec."""
+        return Codec(options, threads)
+
+    def version(self):
+        """The versions of what codes and of new parametrisations, and a hash of further files that results depend on."""
+        from tools.bench import everyday_rivals
+
+        files = (module.__file__ for module in (parametrise, sheets, everyday_rivals))
+        return f"{versions_of(*self.packages)} {parametrise.versions()} {source_hash(__file__, *files)}"
+
+    def warm_up(self, options, threads):
+        """Loads the library. LookupError says that it is not installed."""
+        codec = self.codec(options, threads)
+        codec.dec_image(codec.enc_image(np.zeros((16, 16, 4), np.uint8)), 16, 16)
+
+    def encode(self, scene, options, folder, threads, report):
+        """Writes IMAGE for each image and, if they count, UVS: files of just the bytes that are counted; LAYOUT and SOURCE hold
+        what is handed through. LookupError: no face of the scene has a texture. ValueError: an option is out of range."""
+        codec = self.codec(options, threads)
+        with report.stage("parametrisation"):
+            scene = _asked_scene(scene, codec.options, folder.parent, threads)
+        images, textures = used_textures(scene)
+        sheets, placed = map_sheets(scene)
+        kinds = [COLOUR] * len(images) + [sheet.kind for sheet in sheets]
+        first, images = len(textures), [codec.shipped(image) for image in (*images, *(sheet.image for sheet in sheets))]
+        textures += [{"image": len(images) - len(sheets) + n, "wrap": list(sheet.wrap), "name": "+".join(sheet.names)}
+                     for n, sheet in enumerate(sheets)]
+        vertex_uv, corner_vertex = textured_vertices(scene)
+        if scene.corner_color is not None and (scene.corner_color != 1).any():
+            report.warnings.append("vertex colours are handed through as they are and not counted")
+        layout = {"images": [image.shape[1::-1] for image in images], "kinds": kinds, "textures": textures,
+                  "uv_box": None, "materials": [_told(m, placed[n], first) for n, m in enumerate(scene.materials)]}
+        with report.stage("textures"):
+            coded = [codec.enc_image(image, kind) for image, kind in zip(images, kinds, strict=True)]
+        sizes = {"texture": sum(map(len, coded)), "uv": 0}
+        if codec.options["uv_bytes"] == "uint16":
+            layout["uv_box"] = box = uv_box(vertex_uv)
+            steps = quantise_uv(vertex_uv, box)
+            (folder / UVS).write_bytes(steps.tobytes())
+            vertex_uv, sizes["uv"] = dequantise_uv(steps, box), steps.nbytes
+        with report.stage("reconstruction"):
+            decoded = [codec.dec_image(data, *size, kind)
+                       for data, size, kind in zip(coded, layout["images"], kinds, strict=True)]
+        for number, data in enumerate(coded):
+            (folder / IMAGE.format(number)).write_bytes(data)
+        (folder / LAYOUT).write_text(json.dumps(layout), encoding="utf-8")
+        colour = np.zeros((0, 3, 4), np.float32) if scene.corner_color is None else scene.corner_color
+        np.savez(folder / SOURCE, positions=scene.positions, faces=scene.faces, face_material=scene.face_material,
+                 corner_color=colour, corner_vertex=corner_vertex, vertex_uv=vertex_uv[: 0 if layout["uv_box"] else None],
+                 **{name: frame for name in FRAMES if (frame := getattr(scene, name)) is not None})
+        return {"bytes": {"total": sum(sizes.values()), "geometry": 0, **sizes},
+                "reconstruction_sha256": hash_of(decoded, vertex_uv[corner_vertex]), **codec.options, "images": layout["images"],
+                "uv_vertices": len(vertex_uv), "uv_box": layout["uv_box"]}
+
+    def decode(self, folder, options, threads, report):
+        """The Scene with the decoded textures and the UVs that were counted."""
+        codec, layout = self.codec(options, threads), json.loads((folder / LAYOUT).read_text(encoding="utf-8"))
+        with report.stage("textures"):
+            images = [codec.dec_image((folder / IMAGE.format(number)).read_bytes(), *size, kind)
+                      for number, (size, kind) in enumerate(zip(layout["images"], layout["kinds"], strict=True))]
+        with np.load(folder / SOURCE) as file:
+            source = dict(file)
+        vertex_uv = source["vertex_uv"]
+        if layout["uv_box"]:
+            vertex_uv = dequantise_uv(np.fromfile(folder / UVS, "<u2").reshape(-1, 2), layout["uv_box"])
+        textures = [Texture(images[t["image"]], tuple(t["wrap"]), t["name"]) for t in layout["textures"]]
+        materials = [Material(**m | {"factor": np.array(m["factor"])}) for m in layout["materials"]]
+        scene = Scene(source["positions"], source["faces"], source["face_material"], np.zeros((len(source["faces"]), 3, 2)),
+                      source["corner_color"] if len(source["corner_color"]) else None, materials, textures)
+        scene.corner_uv[textured_faces(scene)] = vertex_uv[source["corner_vertex"]]
+        scene.corner_normal, scene.corner_tangent = (source.get(name) for name in FRAMES)
+        return scene
+
+    def values_sha256(self, decoded):
+        """As the encoder's: of the images in the order of their textures, then of the UVs of the textured faces."""
+        images = {id(t.image): t.image for t in decoded.textures}
+        return hash_of(images.values(), decoded.corner_uv[textured_faces(decoded)])
+
+
+def _asked_scene(scene, options, keep, threads):
+    """A Scene with the maps and the parametrisation that options ask for. keep: folder for new parametrisations."""
+    if options["parametrisation"] != SOURCE_UVS:
+        if options["maps"] != "none":
+            raise ValueError("a new parametrisation has the base colour alone, so that maps must be \"none\"")
+        return reparametrised(scene, Request(options["parametrisation"], side_of(scene)), keep, threads)[0]
+    if options["maps"] == "none":
+        return replace(scene, materials=[replace(m, maps={}) for m in scene.materials])
+    from tools.bench.material_quality import needed_maps
+
+    return needed_maps(scene)[0]
+
+
+def _told(material, placed, first):
+    """A Material for LAYOUT. placed: numbers of sheets by channel; first: of their textures."""
+    return asdict(material) | {"factor": material.factor.tolist(), "maps": {name: first + n for name, n in placed.items()}}
+
+
+class Codec:
+    """ASTC under a method's options. options: dict with keys of DEFAULTS; threads. LookupError says that the library is not
+    installed, ValueError that an option is out of range."""
+
+    def __init__(self, options, threads):
+        self.options = checked_options(options, DEFAULTS, {}, CHOICES)
+        quality = self.options["quality"]
+        if isinstance(quality, bool | str) or not 0 <= quality <= 100:
+            raise ValueError(f"quality must be a number from 0 to 100, not {quality!r}")
+        try:
+            import astc_encoder
+        except ImportError as error:
+            raise LookupError(f"astc needs astc-encoder-py, pip install \"texfcodec[baselines]\" brings it: {error}") from error
+        self._lib, self._block = astc_encoder, block_of(self.options["block"])
+        self._threads, self._contexts, self._rgba = threads, {}, astc_encoder.ASTCSwizzle.from_str("RGBA")
+        self._context(COLOUR)
+
+    def _context(self, kind):
+        """The encoder's state for one kind of image."""
+        if kind not in self._contexts:
+            flags = self._lib.ASTCConfigFlags.MAP_NORMAL if self._is_xy(kind) else self._lib.ASTCConfigFlags(0)
+            profile = self._lib.ASTCProfile[PROFILES[self.options["profile"] if kind == COLOUR else "ldr"]]
+            config = self._lib.ASTCConfig(profile, *self._block, 1, self.options["quality"], flags)
+            self._contexts[kind] = self._lib.ASTCContext(config, self._threads)
+        return self._contexts[kind]
+
+    def _is_xy(self, kind):
+        return kind == NORMAL and self.options["normals"] == "xy"
+
+    def shipped(self, image):
+        """The image that is coded in the place of one of the source."""
+        return image
+
+    def enc_image(self, image, kind=COLOUR):
+        """The blocks, bytes, of an RGBA image uint8 [H, W, 4] of one of the kinds of sheets."""
+        height, width = image.shape[:2]
+        image = two_components(image) if self._is_xy(kind) else image
+        data = np.ascontiguousarray(image, np.uint8).tobytes()
+        blocks = self._context(kind).compress(self._lib.ASTCImage(self._lib.ASTCType.U8, width, height, data=data), self._rgba)
+        if len(blocks) != texture_bytes(width, height, self._block):
+            raise ValueError(f"the encoder made {len(blocks)} bytes of an image of {width} x {height}")
+        return blocks
+
+    def dec_image(self, blocks, width, height, kind=COLOUR):
+        """The RGBA image, uint8 [H, W, 4], of its blocks, bytes. ValueError: they are not as many as it has."""
+        if len(blocks) != texture_bytes(width, height, self._block):
+            raise ValueError(f"{len(blocks)} bytes are no image of {width} x {height} in blocks of {self.options['block']}")
+        image = self._lib.ASTCImage(self._lib.ASTCType.U8, width, height)
+        self._context(kind).decompress(blocks, image, self._rgba)
+        decoded = np.frombuffer(image.data, np.uint8).reshape(height, width, 4)
+        return three_components(decoded) if self._is_xy(kind) else decoded
+
+
+def block_of(text):
+    """(width, height) in texels of a block such as "12x10"."""
+    return tuple(int(side) for side in text.split("x"))
+
+
+def texture_bytes(width, height, block):
+    """Bytes of an image of width x height texels in blocks of (width, height) texels: whole blocks, no mips, no header."""
+    return BLOCK_BYTES * -(-width // block[0]) * -(-height // block[1])
+
+
+def textured_faces(scene):
+    """bool [F]: the faces whose material has a texture, of base colour or a map."""
+    return np.array([m.texture >= 0 or bool(m.maps) for m in scene.materials], bool)[scene.face_material]
+
+
+def used_textures(scene):
+    """(images uint8 [H, W, 4], each once; [{"image": its number, "wrap", "name"}] per texture of the scene) of what faces use.
+
+    A texture that no face uses has image 0, which nobody asks. LookupError: no face has a texture.
+    """
+    used = {scene.materials[m].texture for m in np.unique(scene.face_material)} - {-1}
+    if not used:
+        raise LookupError("no face has a base-colour texture, and ASTC codes nothing else, no vertex colours either")
+    images = {id(scene.textures[t].image): scene.textures[t].image for t in sorted(used)}
+    numbers = {key: number for number, key in enumerate(images)}
+    textures = [{"image": numbers.get(id(t.image), 0), "wrap": list(t.wrap), "name": t.name} for t in scene.textures]
+    return list(images.values()), textures
+
+
+def textured_vertices(scene):
+    """(UVs float64 [N, 2], vertex int64 [T, 3] of each corner of the T textured faces): a renderer's vertices, which are the
+    distinct pairs of position and UV."""
+    faces = textured_faces(scene)
+    rows = np.column_stack([scene.faces[faces].reshape(-1), scene.corner_uv[faces].reshape(-1, 2)])  # indices are exact < 2**53
+    rows, vertex = np.unique(rows, axis=0, return_inverse=True)
+    return rows[:, 1:], vertex.reshape(-1, 3)
+
+
+def uv_box(uv):
+    """[[low u, low v], [high u, high v]] whole numbers: the unit square, grown by whole tiles to where it holds uv, [N, 2]."""
+    return [np.floor(uv.min(axis=0, initial=0)).tolist(), np.ceil(uv.max(axis=0, initial=1)).tolist()]
+
+
+def quantise_uv(uv, box):
+    """UVs float64 [N, 2] as little-endian uint16 [N, 2], 0 and UV_STEPS being the sides of the box."""
+    low, high = np.array(box)
+    return np.rint((uv - low) / (high - low) * UV_STEPS).astype("<u2")
+
+
+def dequantise_uv(steps, box):
+    """UVs float64 [N, 2] of uint16 [N, 2]; at most half of 1 / UV_STEPS of the box's side away from what they were."""
+    low, high = np.array(box)
+    return low + steps.astype(np.float64) / UV_STEPS * (high - low)
+
+
+def hash_of(images, corner_uv):
+    """SHA-256, hexadecimal, over uint8 images [H, W, 4] and then corner UVs as little-endian float64 [T, 3, 2]."""
+    total = hashlib.sha256()
+    for image in images:
+        total.update(np.ascontiguousarray(image))
+    total.update(np.ascontiguousarray(corner_uv, "<f8"))
+    return total.hexdigest()

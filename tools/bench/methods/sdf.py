@@ -1,0 +1,195 @@
+"""The rival "SDF + marching cubes with the same field": geometry as signed distances on a grid, and our field over the mesh that
+marching cubes makes of them.
+
+What counts: the distances (distance_field.py says how they are coded) as geometry, and the stream of the field without its mesh,
+which the decoder makes again and puts back in its place. Colours of the field's voxels are means of the source's at the points
+nearest to those of the new surface that face the same way; they are not refined, because a refinement compares with the source's
+own surface. Base colour and alpha alone.
+
+A sheet has no inside: a scene of which more than MOST_LOST of the surface is seen with nothing behind it is refused.
+"""
+
+import struct
+from dataclasses import replace
+
+import numpy as np
+
+from texfcodec.encoder.map_planes import with_grey
+from texfcodec.encoder.pipeline import code
+from texfcodec.encoder.plan import plan
+from texfcodec.encoder.source_field import colour_planes
+from texfcodec.field.morton import encode_morton
+from texfcodec.field.samples import surface_samples
+from texfcodec.field.transfer import fill_uncoloured
+from texfcodec.geometry.draco import enc_geometry
+from texfcodec.geometry.mesh import face_normals
+from texfcodec.geometry.surface import make_surface
+from texfcodec.metrics.views import MeshColours
+from texfcodec.options import EncodeOptions
+from texfcodec.scene.scene import ALPHA_OPAQUE, Material, Scene
+from tools.bench.methods import checked_options, distance_field, method, source_hash, texf, versions_of, voxel_values
+from tools.bench.methods.distance_field import PAD, Winding, dec_distances, enc_distances, lost_share, quantised, signed_distances
+from tools.bench.methods.texf import TexfMethod
+from tools.bench.methods.voxel_values import PREPARED
+
+DEFAULTS = {"grid": 128, "steps": 8, "resolution": 1024, "qp": 28, "position_bits": 14, "effort": "balanced"}
+RANGES = {"grid": (16, 512), "steps": (2, 60)}
+HEAD = struct.Struct("<4d3HB")  # corner of the grid and side of a cell, points along the axes, steps
+PLACE = struct.Struct("<I")
+DISTANCES, FIELD = "distances.bin", "field.bin"
+MOST_LOST, LOOK = 0.05, 0.25  # LOOK: cells
+SAMPLES_PER_VOXEL_EDGE = 1
+WARM_GRID = 16
+
+
+@method("sdf")
+class Sdf(TexfMethod):
+    """Options and their defaults stand in DEFAULTS: grid, cells along the longest side; steps, of distances in a cell; resolution
+    K, qp and effort of the field, and position_bits of the lattice that its voxels are found on, which cost nothing here."""
+
+    options = tuple(DEFAULTS)
+
+    def version(self):
+        """The version of scikit-image, whose marching cubes both sides run, and a hash of further files that results depend
+        on."""
+        files = (module.__file__ for module in (distance_field, texf, voxel_values))
+        return f"{versions_of('scikit-image')} {super().version()} {source_hash(*files)}"
+
+    def warm_up(self, options, threads):
+        """Loads kernels and libraries with a coarse ball."""
+        import tempfile
+        from pathlib import Path
+
+        import trimesh
+
+        from texfcodec.report import Report
+
+        checked(options)
+        ball = trimesh.creation.icosphere(subdivisions=1)
+        few = {"grid": WARM_GRID, "resolution": 4 * WARM_GRID}
+        with tempfile.TemporaryDirectory() as folder:
+            self.encode(scene_of(ball.vertices, ball.faces), options | few, Path(folder), threads, Report())
+            self.decode(Path(folder), options | few, threads, Report())
+
+    def encode(self, scene, options, folder, threads, report):
+        """Writes DISTANCES and FIELD. ValueError: the scene has no inside, or an option is out of range."""
+        asked = checked(options)
+        if any(m.alpha_mode != ALPHA_OPAQUE for m in scene.materials):
+            report.warnings.append("the surface of a solid is opaque: what shines through in the source does not here")
+        with report.stage("distances"):
+            data, lost = enc_solid(scene, asked["grid"], asked["steps"])
+        with report.stage("marching cubes"):
+            mesh = dec_solid(data)
+        settings = settings_of(asked, threads)
+        prepared = plan(mesh, settings, report)
+        with report.stage("colours"):
+            colours = colour_planes(fetched(scene, prepared, threads), prepared.source)
+            fields = [prepared.fields[0].with_planes(colours)]
+            source = prepared.source._replace(groups=with_grey(prepared.source.groups, fields))
+        made = code(replace(prepared, fields=fields, source=source), report)
+        field = without_mesh(made.data, prepared.geometry[0]["draco_data"])
+        (folder / DISTANCES).write_bytes(data)
+        (folder / FIELD).write_bytes(field)
+        return {"bytes": {"total": len(data) + len(field), "geometry": len(data), "attributes": made.sizes["attributes"],
+                          "other": len(field) - made.sizes["attributes"]},
+                "reconstruction_sha256": made.reconstruction_sha256, **asked, **made.counts, "lost_share": lost,
+                "draco_bytes": made.sizes["geometry"]}
+
+    def decode(self, folder, options, threads, report):
+        """The Texf over the mesh that marching cubes make of DISTANCES."""
+        from texfcodec.api import decode
+        from texfcodec.options import DecodeOptions
+
+        with report.stage("marching cubes"):
+            mesh = dec_solid((folder / DISTANCES).read_bytes())
+        with report.stage("geometry"):
+            data = with_mesh((folder / FIELD).read_bytes(), draco_of(mesh, settings_of(checked(options), threads)))
+        return decode(data, DecodeOptions(threads=threads), report)
+
+
+def checked(options):
+    """All options. ValueError says which is out of range."""
+    return checked_options(options, DEFAULTS, RANGES, {})
+
+
+def settings_of(asked, threads):
+    """The EncodeOptions of the field."""
+    kept = {name: asked[name] for name in ("resolution", "qp", "position_bits", "effort")}
+    return EncodeOptions(**PREPARED, partition="off", threads=threads, **kept)
+
+
+def scene_of(positions, faces):
+    """A Scene of one white opaque material."""
+    return Scene(np.asarray(positions, np.float64), np.asarray(faces, np.int64), np.zeros(len(faces), np.int64),
+                 np.zeros((len(faces), 3, 2)), None, [Material("solid")], [])
+
+
+def enc_solid(scene, cells, steps):
+    """(bytes of the distances of a Scene on a grid of so many cells along its longest side; lost_share() of it). LookupError:
+    it has no inside, so that there is nothing to code."""
+    low, high = scene.positions[scene.faces].min(axis=(0, 1)), scene.positions[scene.faces].max(axis=(0, 1))
+    side = float((high - low).max()) / cells
+    if not side > 0:
+        raise LookupError("the scene is a single point, which has no inside")
+    shape = tuple(int(n) for n in np.ceil((high - low) / side).astype(int) + 1 + 2 * PAD)
+    corner = low - PAD * side
+    placed = (scene.positions - corner) / side
+    winding = Winding(placed[scene.faces])
+    lost = lost_share(placed, scene.faces, winding, LOOK)
+    if lost > MOST_LOST:
+        raise LookupError(f"{100 * lost:.0f} % of the surface is seen from outside and has no inside behind it: sheets and open "
+                         "meshes are no solids, and signed distances cannot hold them")
+    values, needed = quantised(signed_distances(placed[scene.faces], shape, winding), steps)
+    return HEAD.pack(*corner, side, *shape, steps) + enc_distances(values, needed, steps), lost
+
+
+def dec_solid(data):
+    """The Scene that marching cubes make of enc_solid()'s bytes. ValueError: there is no surface in them."""
+    from skimage.measure import marching_cubes
+
+    *corner, side, x, y, z, steps = HEAD.unpack_from(data)
+    values = dec_distances(data[HEAD.size :], (x, y, z), steps)
+    if not (values < 0).any():
+        raise ValueError("no point of the grid is inside: the solid is thinner than a cell, and a finer grid would be needed")
+    positions, faces, _, _ = marching_cubes((values + np.float32(0.5)) / np.float32(steps), 0.0)
+    return scene_of(np.array(corner) + side * positions.astype(np.float64), faces)
+
+
+def draco_of(mesh, settings):
+    """Draco's bytes of a Scene of one material in one field, as the encoder has them."""
+    surface = make_surface(mesh, settings)
+    used, local = np.unique(surface.faces, return_inverse=True)
+    return enc_geometry(surface.lattice[used], local.reshape(-1, 3), surface.cube.position_bits)
+
+
+def without_mesh(stream, draco):
+    """A stream whose one geometry unit has lost its Draco bytes, and where they stood."""
+    place = stream.index(draco)
+    return PLACE.pack(place) + stream[:place] + stream[place + len(draco) :]
+
+
+def with_mesh(field, draco):
+    """The stream again of what without_mesh() left."""
+    (place,), rest = PLACE.unpack_from(field), field[PLACE.size :]
+    return rest[:place] + draco + rest[place:]
+
+
+def fetched(scene, prepared, threads):
+    """Colours of the voxels of the one field of Prepared, float32 [N, 4] in 0..255: means over its surface of the Scene's."""
+    surface, part = prepared.surface, prepared.fields[0]
+    lattice, faces = prepared.source.surfaces[0]
+    corners, asked = surface.cube.to_world(lattice)[faces], MeshColours(scene, threads)
+    normals, keys, size = face_normals(corners), part.keys, part.support.size
+    sums = np.zeros((len(keys), 5))
+    for points, face, bary, share in surface_samples(lattice, faces, surface.cube.position_bits, size, SAMPLES_PER_VOXEL_EDGE):
+        key = encode_morton(np.clip(np.floor(points), 0, size - 1).astype(np.int64))
+        rank = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
+        kept = keys[rank] == key
+        rank, face, share = rank[kept], face[kept], share[kept]
+        colour = asked.query(np.einsum("mk,mkc->mc", bary[kept], corners[face]), normals[face])
+        for column in range(4):
+            sums[:, column] += np.bincount(rank, share * colour[:, column], len(keys))
+        sums[:, 4] += np.bincount(rank, share, len(keys))
+    values = (sums[:, :4] / np.maximum(sums[:, 4:], 1e-30)).astype(np.float32)
+    fill_uncoloured(keys, values, sums[:, 4])
+    return values

@@ -1,0 +1,153 @@
+"""The rivals Serialized-Morton and Serialized-Hilbert: the colours of our voxels in the order of a space-filling curve, laid into
+a square image along the same curve in two dimensions, which is coded by HEVC or, for GPUs, in ASTC blocks.
+
+The voxels and their colours are those that our encoder would code (voxel_values.py), all fields of a mesh one after the other.
+The decoder has the mesh and so the voxels; what counts beside the geometry is the image, alpha included where there is any, and
+what a stream without values takes (materials, counts, checksums, one mesh more per field and material: from 100 bytes on).
+
+A GPU looks a voxel up without walking the mesh, so that ASTC's image needs a structure that gives the rank of a voxel: the DAG
+that the paper names, or the octree, both in addressing.py and built for every field. By default the smaller one counts, because a
+careful user would take it: on smooth surfaces that is the octree, whose node is a byte, while the DAG's is a word and another one
+for each child, and few of its subtrees are alike. Results tell the bytes of both.
+"""
+
+from importlib.util import find_spec
+from types import SimpleNamespace
+
+import numpy as np
+
+from texfcodec.field.extents import octree_depth
+from tools.bench.methods import addressing, checked_options, image_codecs, method, source_hash, space_filling, texf
+from tools.bench.methods import voxel_values as voxels
+from tools.bench.methods.addressing import STRUCTURES
+from tools.bench.methods.astc import Astc, Codec
+from tools.bench.methods.space_filling import CURVES, FILLS, curve_keys, from_image, image_size, to_image
+from tools.bench.methods.texf import TexfMethod
+from tools.bench.methods.voxel_values import rgba_of, voxel_values, with_values, write_mesh
+
+DEFAULTS = {"resolution": 2048, "curve": "hilbert", "fill": "blocks", "tile": 64, "codec": "hevc", "qp": 31, "chroma": "444",
+            "block": "6x6", "quality": 98, "profile": "ldr", "addressing": "smallest", "position_bits": None}
+ASTC_OPTIONS = ("block", "quality", "profile")
+CODECS, CHROMA, TILES = ("hevc", "av1", "astc"), ("444", "420"), tuple(1 << bits for bits in range(3, 11))
+IMAGE, ADDRESSES = "image.bin", "addresses{}.bin"
+WARM_SIDE = 64
+
+
+@method("serialized")
+class Serialized(TexfMethod):
+    """Options and their defaults stand in DEFAULTS: resolution K of the voxels; curve one of CURVES; fill "blocks", tiles of
+    `tile` pixels a side along the curve, or "rows"; codec one of CODECS, with qp (of av1 the CQ level) and chroma, or with block,
+    quality and profile as astc has them and addressing "dag", "octree" or "smallest"; position_bits as our encoder has them."""
+
+    options = tuple(DEFAULTS)
+
+    def version(self):
+        """The versions of the image codecs, and a hash of further files that results depend on."""
+        found = [image_codecs.versions(codec) for codec in CODECS if codec != "astc"]
+        files = (module.__file__ for module in (addressing, image_codecs, space_filling, texf, voxels))
+        return " ".join([Astc().version(), *found, source_hash(*files)])
+
+    def missing(self, options):
+        """As Method.missing: of the image codec."""
+        options = DEFAULTS | options
+        if options["codec"] != "astc":
+            return image_codecs.missing(options["codec"]) if options["codec"] in CODECS else None
+        found = find_spec("astc_encoder")
+        return None if found else "astc needs astc-encoder-py; pip install \"texfcodec[baselines]\" brings it"
+
+    def warm_up(self, options, threads):
+        """Loads the image codec and the kernels that voxels need."""
+        from texfcodec.precompile import small_scene
+        from texfcodec.report import Report
+
+        asked = checked(options)
+        coder = image_coder(asked, threads)
+        coder.dec(coder.enc(np.zeros((WARM_SIDE, WARM_SIDE, 4), np.uint8)), WARM_SIDE, WARM_SIDE)
+        voxel_values(small_scene(), {"resolution": WARM_SIDE, "threads": threads}, Report())
+
+    def encode(self, scene, options, folder, threads, report):
+        """Writes STREAM without values, IMAGE, and for ASTC ADDRESSES of every field.
+
+        ValueError: an option is out of range, or the image came back in another size."""
+        asked = checked(options)
+        given = {"resolution": asked["resolution"], "threads": threads, "position_bits": asked["position_bits"]}
+        prepared = voxel_values(scene, given, report)
+        with report.stage("geometry"):
+            sizes = dict(zip(("geometry", "other"), write_mesh(prepared, folder, report), strict=True))
+        coder = image_coder(asked, threads)
+        with report.stage("serialise"):
+            order = orders(prepared.fields, asked["curve"])
+            values = np.concatenate([rgba_of(part)[along] for part, (along, _) in zip(prepared.fields, order, strict=True)])
+            image = to_image(values, asked["tile"], asked["curve"], asked["fill"])
+        with report.stage("image"):
+            has_alpha = asked["codec"] == "astc" or any("alpha" in part.planes for part in prepared.fields)
+            coded = {IMAGE: coder.enc(image if has_alpha else image[..., :3])}
+        told = {"dag_bytes": 0, "octree_bytes": 0}
+        if asked["codec"] == "astc":
+            with report.stage("addressing"):
+                chosen, told = _addresses(order, [part.support.size for part in prepared.fields], asked["addressing"])
+            coded |= {ADDRESSES.format(number): data for number, data in enumerate(chosen)}
+        for name, data in coded.items():
+            (folder / name).write_bytes(data)
+        with report.stage("reconstruction"):
+            fields = self._fields(prepared.fields, folder, asked, coder)
+        sizes["texture"] = len(coded[IMAGE])
+        sizes["addressing"] = sum(map(len, coded.values())) - sizes["texture"]
+        return {"bytes": {"total": sum(sizes.values()), **sizes}, **asked, **told,
+                "reconstruction_sha256": self.values_sha256(SimpleNamespace(fields=fields)), "image": list(image.shape[1::-1]),
+                "voxels": len(values), "fields": len(fields)}
+
+    def decode(self, folder, options, threads, report):
+        """The Texf of STREAM with the image's values in its voxels."""
+        decoded, asked = super().decode(folder, options, threads, report), checked(options)
+        with report.stage("image"):
+            decoded.fields = self._fields(decoded.fields, folder, asked, image_coder(asked, threads))
+        return decoded
+
+    def _fields(self, parts, folder, asked, coder):
+        """Fields over the supports of parts with what the coded images hold."""
+        layout = asked["tile"], asked["curve"], asked["fill"]
+        count = sum(len(part.support) for part in parts)
+        size = image_size(count, asked["tile"])
+        values = from_image(coder.dec((folder / IMAGE).read_bytes(), *size), count, *layout)
+        rgba, begin = [], 0
+        for along, _ in orders(parts, asked["curve"]):
+            rgba.append(np.empty((len(along), 4), np.uint8))
+            rgba[-1][along] = values[begin : begin + len(along)]
+            begin += len(along)
+        return with_values(parts, rgba)
+
+
+def checked(options):
+    """All options. ValueError says which is out of range."""
+    return checked_options(options, DEFAULTS, {}, {"curve": CURVES, "fill": FILLS, "tile": TILES, "codec": CODECS,
+                                                   "chroma": CHROMA, "addressing": (*STRUCTURES, "smallest")})
+
+
+def orders(parts, curve):
+    """(rank in the Morton order of the voxels along the curve, their keys, ascending) of every part: int64 [N] each."""
+    out = []
+    for part in parts:
+        keys = curve_keys(part.support.xyz(), octree_depth(part.support.size), curve)
+        along = np.argsort(keys)
+        out.append((along, keys[along]))
+    return out
+
+
+def _addresses(order, sizes, wanted):
+    """(bytes of the structure of every field, {"addressing", "dag_bytes", "octree_bytes"})."""
+    made = {name: [enc(keys, octree_depth(size)) for (_, keys), size in zip(order, sizes, strict=True)]
+            for name, (enc, _) in STRUCTURES.items()}
+    totals = {name: sum(map(len, data)) for name, data in made.items()}
+    chosen = min(totals, key=totals.get) if wanted == "smallest" else wanted
+    return made[chosen], {"addressing": chosen} | {f"{name}_bytes": total for name, total in totals.items()}
+
+
+def image_coder(asked, threads):
+    """What codes an image: enc(image uint8 [H, W, 4]) -> bytes, dec(bytes, width, height) -> image. LookupError says what is not
+    installed."""
+    if asked["codec"] == "astc":
+        blocks = Codec({name: asked[name] for name in ASTC_OPTIONS}, threads)
+        return SimpleNamespace(enc=blocks.enc_image, dec=blocks.dec_image)
+    return SimpleNamespace(enc=lambda image: image_codecs.enc_image(image, asked["codec"], asked["qp"], asked["chroma"], threads),
+                           dec=lambda data, width, height: image_codecs.dec_image(data, asked["codec"], width, height))

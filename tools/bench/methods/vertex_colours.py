@@ -1,0 +1,311 @@
+"""The rival that keeps colours at vertices: the mesh subdivided where its texture asks for it, and Draco with colours.
+
+Edges are halved until none is longer than the asset's longest side / density; with detail above 0, only those of faces on which
+the texture is further than so many levels from what their corners' colours give. Neighbours share the new vertices, so that
+nothing cracks. A vertex gets the mean of the source around it, weighted by area and by how much of a point's colour it would
+give, which a few steps of a least-squares fit sharpen (8 dB on noise, 10 on a smooth ball, against the mean alone). Colours stay
+sRGB-coded, which suits few bits, and are made linear before they are interpolated, as glTF's are.
+
+What a user pays beside geometry is all that Draco needs more than for the positions of the mesh as it was, as one mesh.
+"""
+
+import hashlib
+import struct
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from texfcodec.geometry.canonical import CanonicalCube
+from texfcodec.geometry.surface import make_surface
+from texfcodec.options import EncodeOptions
+from texfcodec.scene.fetch import pack_source, sample_source
+from texfcodec.scene.scene import ALPHA_OPAQUE, Material, Scene
+from texfcodec.scene.srgb import srgb_to_linear
+from tools.bench.methods import Method, method, source_hash, versions_of
+
+DEFAULTS = {"density": 256, "detail": 0.0, "colour_bits": 8, "position_bits": 14}
+RANGES = {"density": (1, 8192), "detail": (0.0, 255.0), "colour_bits": (1, 8), "position_bits": (8, 20)}
+MOST_FACES = 1 << 22
+MESH = "mesh.bin"
+HEAD, PART = struct.Struct("<4d3B"), struct.Struct("<BBfBI")  # cube, bits of both, parts; Look, alpha, bytes
+POINTS = 4  # a side: samples of a face are POINTS * (POINTS + 1) / 2
+BLOCK = 1 << 16  # faces sampled at a time
+FIT_STEPS, PACE = 8, 1.5  # the matrix's eigenvalues are between 1 / 4 and 1
+
+
+@method("vertex_colours")
+class VertexColours(Method):
+    """Options, their defaults and ranges stand in DEFAULTS and RANGES."""
+
+    options = tuple(DEFAULTS)
+
+    def version(self):
+        """The version of DracoPy, and a hash of the file that codes meshes."""
+        from tools.bench import everyday_rivals
+
+        return f"{versions_of('DracoPy')} {source_hash(everyday_rivals.__file__)}"
+
+    def warm_up(self, options, threads):
+        """Loads kernels and Draco."""
+        from texfcodec.precompile import small_scene
+
+        asked, scene = checked(options) | {"density": 2}, small_scene()
+        dec_parts(enc_parts(painted(scene, surface_of(scene, asked["position_bits"]), asked, threads)))
+
+    def encode(self, scene, options, folder, threads, report):
+        """Writes MESH. ValueError: an option is out of range, or there would be more than MOST_FACES faces."""
+        from tools.bench.everyday_rivals import positions_alone
+
+        asked = checked(options)
+        with report.stage("subdivide"):
+            surface = surface_of(scene, asked["position_bits"])
+            made = painted(scene, surface, asked, threads)
+        with report.stage("draco"):
+            data, plain = enc_parts(made), positions_alone(surface.lattice, surface.faces)
+        (folder / MESH).write_bytes(data)
+        return {"bytes": {"total": len(data), "geometry": plain, "colours": len(data) - plain}, **asked,
+                "faces": sum(len(faces) for _, _, faces, _ in made.parts), "source_faces": len(scene.faces),
+                "vertices": sum(len(lattice) for _, lattice, _, _ in made.parts),
+                "reconstruction_sha256": hash_of(made.scene())}
+
+    def decode(self, folder, options, threads, report):
+        """The Scene with vertex colours."""
+        with report.stage("draco"):
+            return dec_parts((folder / MESH).read_bytes()).scene()
+
+    def values_sha256(self, decoded):
+        """As the encoder's: of the faces with their colours, in whatever order."""
+        return hash_of(decoded)
+
+
+def checked(options):
+    """All options. ValueError says which is out of range."""
+    asked = DEFAULTS | options
+    for name, (least, most) in RANGES.items():
+        kinds = (int, float) if isinstance(least, float) else (int,)
+        if type(asked[name]) not in kinds or not least <= asked[name] <= most:
+            kind = "number" if isinstance(least, float) else "whole number"
+            raise ValueError(f"{name} must be a {kind} from {least} to {most}, not {asked[name]!r}")
+    return asked
+
+
+def surface_of(scene, position_bits):
+    """The Scene on its lattice."""
+    return make_surface(scene, EncodeOptions(position_bits=position_bits))
+
+
+# Subdivision. A Patchwork is the mesh on its way: faces of faces of the source, and where their corners are on those.
+
+
+@dataclass
+class Patchwork:
+    """positions: float64 [V, 3] in lattice steps; faces: int64 [F, 3]; origin: int64 [F], the source's face that each is on;
+    bary: float64 [F, 3, 3], its corners' barycentric coordinates there."""
+
+    positions: np.ndarray
+    faces: np.ndarray
+    origin: np.ndarray
+    bary: np.ndarray
+
+
+def subdivided(work, longest, wanted):
+    """The Patchwork with no edge longer than `longest` lattice steps but on faces that are not wanted. wanted: function of a
+    Patchwork and faces int64 [N] that says bool [N]. ValueError: there would be more than MOST_FACES faces."""
+    while True:
+        ends = np.sort(np.stack([work.faces, np.roll(work.faces, -1, axis=1)], axis=2), axis=2)
+        code = ends[..., 0] * len(work.positions) + ends[..., 1]
+        edges, number = np.unique(code, return_inverse=True)
+        number = number.reshape(-1, 3)
+        a, b = np.divmod(edges, len(work.positions))
+        split = ((work.positions[a] - work.positions[b]) ** 2).sum(axis=1) > longest * longest
+        faces = np.flatnonzero(split[number].any(axis=1))
+        asked = np.zeros(len(edges), bool)
+        asked[number[faces[wanted(work, faces)]].ravel()] = True
+        split &= asked
+        if not split.any():
+            return work
+        if len(work.faces) + 2 * np.count_nonzero(split) > MOST_FACES:
+            raise ValueError(f"the mesh would have more than {MOST_FACES} faces: ask for a smaller density")
+        middle = np.cumsum(split) - 1 + len(work.positions)
+        positions = np.concatenate([work.positions, (work.positions[a] + work.positions[b])[split] / 2])
+        work = _halved(work, positions, np.where(split, middle, -1)[number])
+
+
+def _halved(work, positions, middle):
+    """The Patchwork with the edges split that have a new vertex. middle: int64 [F, 3], that of the edge from each corner to the
+    next, -1 for none."""
+    count = (middle >= 0).sum(axis=1)
+    first = np.where(count == 1, np.argmax(middle >= 0, axis=1), (np.argmin(middle >= 0, axis=1) + 1) % 3)
+    turn = (first[:, None] + np.arange(3)) % 3  # the first split edge starts at corner 0, an unsplit one at corner 2
+    faces, middle = np.take_along_axis(work.faces, turn, axis=1), np.take_along_axis(middle, turn, axis=1)
+    bary = np.take_along_axis(work.bary, turn[..., None], axis=1)
+    corners = np.concatenate([faces, middle], axis=1)  # 0..2 and the middles 3, 4, 5 of edges 01, 12, 20
+    places = np.concatenate([bary, (bary + np.roll(bary, -1, axis=1)) / 2], axis=1)
+    parts = []
+    for splits, pieces in SPLIT.items():
+        mine = np.flatnonzero(count == splits)
+        parts += [(corners[mine][:, piece], work.origin[mine], places[mine][:, piece]) for piece in pieces]
+    return Patchwork(positions, *(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+SPLIT = {0: [[0, 1, 2]], 1: [[0, 3, 2], [3, 1, 2]], 2: [[3, 1, 4], [0, 3, 4], [0, 4, 2]],
+         3: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
+
+
+# Colours.
+
+
+def corner_weights():
+    """Barycentric coordinates of the samples of a face, float64 [POINTS * (POINTS + 1) / 2, 3]."""
+    i, j = np.array([(i, j) for i in range(POINTS) for j in range(POINTS - i)]).T
+    return np.stack([i + 1 / 3, j + 1 / 3, POINTS - i - j - 2 / 3], axis=1) / POINTS
+
+
+def sampled(source, work, faces, threads):
+    """The source's colours at the samples of faces, float32 [N, S, 4] in 0..255."""
+    bary = np.einsum("sk,nkc->nsc", corner_weights(), work.bary[faces])
+    origin = np.repeat(work.origin[faces], bary.shape[1])
+    return sample_source(source, origin, bary.reshape(-1, 3), threads).reshape(*bary.shape[:2], 4)
+
+
+def fitted_colours(source, work, threads):
+    """Colours of vertices, float64 [V, 4] in 0..255: means over the faces around them, and FIT_STEPS from there towards the
+    colours whose interpolation is nearest to the source (Richardson's iteration over the mass matrix of the triangles)."""
+    weights, sums = corner_weights(), np.zeros((len(work.positions), 5))
+    corners = work.positions[work.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) + 1e-9
+    for begin in range(0, len(work.faces), BLOCK):
+        faces = np.arange(begin, min(begin + BLOCK, len(work.faces)))
+        colour = np.einsum("sk,nsc->nkc", weights, sampled(source, work, faces, threads)) * area[faces, None, None]
+        rows = work.faces[faces].ravel()
+        for column in range(4):
+            sums[:, column] += np.bincount(rows, colour[..., column].ravel(), len(sums))
+        sums[:, 4] += np.bincount(rows, np.repeat(area[faces], 3) * weights.sum(axis=0)[0], len(sums))
+    target = sums[:, :4] / np.maximum(sums[:, 4:], 1e-30)
+    colour, rows = target.copy(), work.faces.ravel()
+    around = np.maximum(np.bincount(rows, np.repeat(area, 3), len(sums)), 1e-30)
+    for _ in range(FIT_STEPS):
+        for column in range(4):
+            corner = colour[:, column][work.faces]
+            shown = (corner + corner.sum(axis=1, keepdims=True)) * (area[:, None] / 4)
+            colour[:, column] += PACE * (target[:, column] - np.bincount(rows, shown.ravel(), len(sums)) / around)
+    return np.clip(colour, 0, 255)
+
+
+def differs(source, detail, threads):
+    """Function for subdivided(): whether a face's colours are more than detail levels from what its corners' give."""
+
+    def wanted(work, faces):
+        out = np.empty(len(faces), bool)
+        for begin in range(0, len(faces), BLOCK):
+            mine = faces[begin : begin + BLOCK]
+            found = sampled(source, work, mine, threads)[..., :3]
+            corner = sample_source(source, np.repeat(work.origin[mine], 3), work.bary[mine].reshape(-1, 3), threads)
+            expected = np.einsum("sk,nkc->nsc", corner_weights(), corner.reshape(-1, 3, 4)[..., :3])
+            out[begin : begin + BLOCK] = ((found - expected) ** 2).mean(axis=(1, 2)) > detail * detail
+        return out
+
+    return wanted
+
+
+# Files.
+
+
+class Look(NamedTuple):
+    """What a material is that only has vertex colours."""
+
+    alpha_mode: int
+    double_sided: bool
+    alpha_cutoff: float
+
+
+@dataclass
+class Painted:
+    """What is coded. cube; bits: of a colour's component; parts: (Look, lattice int64 [V, 3], faces int64 [F, 3], colour int64
+    [V, 4] in 0..2**bits - 1), one for every look that a face has."""
+
+    cube: CanonicalCube
+    bits: int
+    parts: list
+
+    def scene(self):
+        """The Scene that this is."""
+        corners, linear, look = [], [], []
+        for number, (_, lattice, faces, colour) in enumerate(self.parts):
+            share = colour[faces] / ((1 << self.bits) - 1)
+            corners.append(lattice[faces])
+            linear.append(np.concatenate([srgb_to_linear(share[..., :3]), share[..., 3:]], axis=2).astype(np.float32))
+            look.append(np.full(len(faces), number))
+        lattice, faces = np.unique(np.concatenate(corners).reshape(-1, 3), axis=0, return_inverse=True)
+        faces, materials = faces.reshape(-1, 3), [Material(**part[0]._asdict()) for part in self.parts]
+        return Scene(self.cube.to_world(lattice), faces, np.concatenate(look), np.zeros((len(faces), 3, 2)),
+                     np.concatenate(linear), materials, [])
+
+
+def looks_of(scene, material):
+    """(look int64 [F], the distinct Looks) of faces with these materials, int64 [F]."""
+    of = [Look(m.alpha_mode, m.double_sided, float(np.float32(m.alpha_cutoff))) for m in scene.materials]
+    looks = sorted({of[m] for m in np.unique(material)})
+    return np.array([looks.index(look) if look in looks else -1 for look in of])[material], looks
+
+
+def painted(scene, surface, asked, threads):
+    """The Painted of a Scene on its lattice."""
+    source = pack_source(scene, surface.origin_face)
+    work = Patchwork(surface.lattice.astype(np.float64), surface.faces, np.arange(len(surface.faces)),
+                     np.tile(np.eye(3), (len(surface.faces), 1, 1)))
+    wanted = differs(source, asked["detail"], threads) if asked["detail"] else lambda _, faces: np.ones(len(faces), bool)
+    work = subdivided(work, surface.cube.last / asked["density"], wanted)
+    look, looks = looks_of(scene, surface.material[work.origin])
+    most = (1 << asked["colour_bits"]) - 1
+    colour = np.rint(fitted_colours(source, work, threads) / 255 * most).astype(np.int64)
+    lattice = np.rint(work.positions).astype(np.int64)
+    packed = lattice[work.faces] @ np.array([1, 1 << 20, 1 << 40])
+    whole = (packed != np.roll(packed, -1, axis=1)).all(axis=1)  # rounding may collapse a face
+    parts = []
+    for number, one in enumerate(looks):
+        used, faces = np.unique(work.faces[whole & (look == number)], return_inverse=True)
+        mine = colour[used]
+        if one.alpha_mode == ALPHA_OPAQUE:
+            mine[:, 3] = most  # nobody sees it
+        parts.append((one, lattice[used], faces.reshape(-1, 3), mine))
+    return Painted(surface.cube, asked["colour_bits"], parts)
+
+
+def enc_parts(made):
+    """Bytes of a Painted: HEAD, and a PART with Draco's bytes for every look."""
+    from tools.bench.everyday_rivals import enc_mesh
+
+    out = [HEAD.pack(*made.cube.origin, made.cube.side, made.cube.position_bits, made.bits, len(made.parts))]
+    for look, lattice, faces, colour in made.parts:
+        data = enc_mesh(lattice, faces, None, 0, colour[faces])  # without alpha where it is constant
+        out += [PART.pack(*look, int(colour[0, 3]), len(data)), data]
+    return b"".join(out)
+
+
+def dec_parts(data):
+    """The Painted of enc_parts()'s bytes."""
+    import DracoPy
+
+    *origin, side, position_bits, bits, count = HEAD.unpack_from(data)
+    place, parts = HEAD.size, []
+    for _ in range(count):
+        mode, sides, cutoff, alpha, length = PART.unpack_from(data, place)
+        place += PART.size + length
+        mesh = DracoPy.decode(data[place - length : place])
+        colour = np.full((len(mesh.points), 4), alpha, np.int64)
+        colour[:, : mesh.colors.shape[1]] = mesh.colors
+        parts.append((Look(mode, bool(sides), cutoff), np.asarray(mesh.points).astype(np.int64),
+                      np.asarray(mesh.faces).astype(np.int64), colour))
+    return Painted(CanonicalCube(tuple(origin), side, position_bits), bits, parts)
+
+
+def hash_of(scene):
+    """SHA-256 over the faces of a Scene with their colours, in whatever order faces and corners stand."""
+    order = np.argsort(scene.faces, axis=1)  # positions of Painted.scene() are sorted
+    corners, colours = np.take_along_axis(scene.faces, order, 1), np.take_along_axis(scene.corner_color, order[..., None], 1)
+    rows = np.column_stack([scene.face_material, corners, colours.reshape(len(order), -1)])
+    total = hashlib.sha256(np.ascontiguousarray(scene.positions, "<f8"))
+    total.update(np.ascontiguousarray(rows[np.lexsort(rows.T)], "<f8"))
+    return total.hexdigest()

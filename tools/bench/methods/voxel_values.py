@@ -1,0 +1,50 @@
+"""Our own voxels for rivals that code the values in them: the mesh, which voxels it touches and what its textures say there.
+
+Mesh and voxels travel in a stream of ours whose values are all 0, which takes a few bytes: the decoder rebuilds the voxels from
+the decoded mesh as ours does, and puts the rival's values in the place of the zeros.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from texfcodec.encoder.pipeline import code
+from texfcodec.encoder.plan import plan
+from texfcodec.options import EncodeOptions
+from texfcodec.scene.channels import COLOURS, join_planes
+from texfcodec.texf import Field
+from tools.bench.methods.texf import STREAM
+
+PREPARED = {"support": "voxels", "refine": "off", "effects": "none"}
+
+
+def voxel_values(scene, options, report):
+    """The Plan of a Scene: voxels of base colour and alpha alone, transferred and not refined. options: dict
+    of further EncodeOptions, among them the resolution."""
+    return plan(scene, EncodeOptions(**PREPARED | options), report)
+
+
+def rgba_of(part):
+    """Values of a SourceField as they would be coded: uint8 [N, 4], 255 where there is no alpha."""
+    planes = {name: np.clip(np.rint(plane), 0, 255).astype(np.uint8) for name, plane in part.planes.items()}
+    return join_planes(planes, len(part.support))
+
+
+def write_mesh(prepared, folder, report):
+    """Writes STREAM with the values 0; (bytes of its positions alone, as texf counts them, and all its other bytes)."""
+    from tools.bench.everyday_rivals import positions_alone
+
+    empty = [part.with_planes({name: np.zeros_like(plane) for name, plane in part.planes.items()}) for part in prepared.fields]
+    made = code(replace(prepared, fields=empty), report)
+    (folder / STREAM).write_bytes(made.data)
+    geometry = min(positions_alone(prepared.surface.lattice, prepared.surface.faces), made.sizes["geometry"])
+    return geometry, len(made.data) - geometry
+
+
+def with_values(parts, rgba):
+    """Fields of the supports of parts, Fields or SourceFields, with values uint8 [N, 4], one array a part, in their planes."""
+    fields = []
+    for part, values in zip(parts, rgba, strict=True):
+        planes = {c.name: np.ascontiguousarray(values[:, list(c.columns)]) for c in COLOURS if c.name in part.planes}
+        fields.append(Field(part.support, planes))
+    return fields

@@ -1,0 +1,229 @@
+"""docs/reports/results.md: the paper's rows beside ours, who wins where and why, what --advise foretells, and lossy geometry.
+
+python tools/bench/paper_table.py --all DIR --assets FOLDER [--paper DIR] [--resident DIR] [--geometry DIR] --out FILE.md
+
+DIR are folders of rate_points.py: of tools/conditions/all_assets.toml, paper.toml, resident.toml and lossy_geometry.toml. A
+part whose folder is not given is left out, and the page says so.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+if not __package__:  # called as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from tools.bench.advice_hits import hit_lines
+from tools.bench.differences import Pair, summary
+from tools.bench.jobs import REPOSITORY, code_of
+from tools.bench.provenance import state_of
+from tools.bench.result_tables import markdown_table, missing_table
+from tools.bench.results import AUTO, OURS, grouped, quality_of, rate_of, read_missing, read_results
+
+ANCHOR, VERTEX_ANCHOR = "UV-Source HEVC", "vertex colours, Draco"
+SHOWN = ("image PSNR Y", "3D-PSNR Y", "SSIM")
+SHARED = ("Each row is over the qualities that it shares with the anchor, and two rows may share others: codecs on the same "
+          "voxels are compared in [attribute coding](attribute_coding.md).")
+SCANS = ("bball_0001", "mars_terrain16", "mp_room_lod3", "ycb_chef_can", "ycb_scissors")
+# (our group, what the paper calls the row, its BD-rate by image PSNR on its MPEG and AOM meshes), against UV-Source HEVC.
+PAPER = (
+    ("UV-Reparam HEVC", "UV-Reparam/HEVC", (-28, -45)), ("UV-Reparam AV1", "UV-Reparam/AV1", (-34, -48)),
+    ("TexF/G-PCC raht", "TexF/G-PCC", (-33, -55)), ("TexF voxels, no refinement", "TexF/Unicorn without IR", (-52, -63)),
+    ("TexF voxels, inverse rendering", "TexF/Unicorn", (-47, -63)), ("TexF voxels, baked", "TexF/Unicorn, UV-baked", (-46, -60)),
+    ("Serialized-Morton HEVC", "Serialized-Morton", (112, 21)), ("Serialized-Hilbert HEVC", "Serialized-Hilbert", (78, 5)),
+)
+RESIDENT = (("3DNTC", "TexF/3DNTC", (-33, -31)), ("UV-Source NTC", "NTC", (-7, -4)))
+
+
+def differences_of(rows, group, anchor, kind="texture"):
+    """{asset: {measure: Difference}} of a group of rows against another; {} where one is not there. kind: of rate_of()."""
+    found = grouped(rows)
+    if group not in found or anchor not in found:
+        return {}
+    return Pair(group, anchor, found[group], found[anchor]).differences(kind)
+
+
+def percent(difference):
+    """A Difference as a cell."""
+    return "-" if difference is None or difference.percent is None else f"{difference.percent:+.1f}"
+
+
+def mean_and_median(table, measure):
+    """Two cells over the assets of differences_of()."""
+    found = [row[measure] for row in table.values() if measure in row]
+    both = (summary(found), summary(found, np.median))
+    return [f"{value:+.1f} ({count})" if value is not None else "-" for value, count in both]
+
+
+def paper_lines(rows, wanted, anchor):
+    """The rows of the paper beside ours, Markdown lines."""
+    groups = list(dict.fromkeys([*(name for name, _, _ in wanted), *grouped(rows)]))
+    told, lines = {name: (row, figures) for name, row, figures in wanted}, []
+    for group in groups:
+        table = differences_of(rows, group, anchor) if group != anchor else {}
+        row, figures = told.get(group, ("-", None))
+        if not table:
+            if group in told:
+                lines.append([group, row, f"{figures[0]:+d} / {figures[1]:+d}", *["not run"] * 5])
+            continue
+        cells = [percent(table.get("bball_0001", {}).get(measure)) for measure in SHOWN[:2]]
+        lines.append([group, row, f"{figures[0]:+d} / {figures[1]:+d}" if figures else "-", *cells,
+                      *mean_and_median(table, SHOWN[0]), mean_and_median(table, SHOWN[1])[1]])
+    head = ["group", "in the paper", "there: MPEG / AOM, PSNR", "bball_0001, image Y", "3D Y", "mean, image Y", "median",
+            "median, 3D Y"]
+    return markdown_table(head, lines, 2)
+
+
+def by_asset_lines(rows, anchor):
+    """Every group against the anchor asset by asset, by image PSNR of Y, Markdown lines."""
+    tables = {group: differences_of(rows, group, anchor) for group in grouped(rows) if group != anchor}
+    assets = sorted({row["asset"] for row in rows})
+    lines = [[group, *(percent(table.get(asset, {}).get(SHOWN[0])) for asset in assets)] for group, table in tables.items()]
+    return markdown_table(["group", *assets], sorted(lines), 1)
+
+
+def asset_lines(rows, facts):
+    """What auto does on every asset against the source's UVs with HEVC, or against vertex colours where those were run, Markdown
+    lines. facts: {asset: asset_facts()}."""
+    table = {**differences_of(rows, AUTO, ANCHOR, "total"), **differences_of(rows, AUTO, VERTEX_ANCHOR, "total")}
+    rivals = grouped(rows).get(ANCHOR, {}) | grouped(rows).get(VERTEX_ANCHOR, {})
+    lines = []
+    for asset in sorted(table):
+        row, told = table[asset], facts.get(asset, {})
+        anchors = rivals.get(asset, [])
+        first = row.get(SHOWN[0])
+        shared = "-" if first is None or first.overlap is None else f"{first.overlap:.0%}"
+        lines.append([asset, *(told.get(key, "-") for key in ("faces", "texels_per_face", "reuse")), uv_bytes(anchors),
+                      over_what(rows, asset), *(percent(row.get(measure)) for measure in SHOWN), shared,
+                      why(row, anchors, told)])
+    head = ["asset", "faces", "texels a face", "texel shown", "UV bytes", "auto is over", *SHOWN, "shared range", "why"]
+    scans = {asset: table[asset] for asset in table if asset in SCANS}
+    for name, part in (("all", table), ("scans", scans)):
+        for title, number in (("mean", 0), ("median", 1)):
+            cells = [mean_and_median(part, measure)[number] for measure in SHOWN]
+            lines.append([f"**{title}, {name}**", *[""] * 5, *cells, "", ""])
+    head, rule, *lines = markdown_table(head, lines)
+    return [head, rule.removesuffix("---: |") + "--- |", *lines]  # words in the last column
+
+
+def uv_bytes(rows):
+    """Bytes of UVs of the anchor, a cell."""
+    most = max((row["bytes"].get("uv", 0) for row in rows), default=0)
+    return f"{most:,}" if most else "no UVs"
+
+
+def over_what(rows, asset):
+    """What the encoder chose at r03, a cell."""
+    for row in grouped(rows).get(AUTO, {}).get(asset, []):
+        if row["setting"].endswith("r03"):
+            chosen = row["facts"].get("supports", [])
+            texels = chosen.count("texels")
+            return "voxels" if not texels else "texels" if texels == len(chosen) else f"texels, {texels} of {len(chosen)}"
+    return "-"
+
+
+def why(row, anchors, told):
+    """Who wins, and what its bytes say of the reason, a cell."""
+    first = row.get(SHOWN[0])
+    if first is None or first.percent is None:
+        return first.reason if first else "not measured"
+    parts = ["TexF" if first.percent < 0 else "the rival"]
+    if uv_bytes(anchors) != "no UVs":
+        middle = sorted(anchors, key=lambda r: rate_of(r, "texture"))[len(anchors) // 2]
+        share = middle["bytes"].get("uv", 0) / max(rate_of(middle, "texture"), 1)
+        parts.append(f"UVs are {share:.0%} of the rival's middle point")
+    if "unused" in told:
+        parts.append(f"{told['unused']:.0%} of its texels are never shown")
+    return "; ".join(parts)
+
+
+def asset_facts(path):
+    """{"faces", "texels_per_face", "reuse", "unused"} of an asset: texels that the surface shows, how often, and how many of the
+    images' it does not."""
+    from texfcodec.encoder.advise import advise
+    from texfcodec.encoder.plan import outline
+    from texfcodec.io.load import load
+    from texfcodec.options import EncodeOptions
+    from texfcodec.report import Report
+
+    scene = load(str(path))
+    told = [entry for entry in advise(outline(scene, EncodeOptions(effects="none"), Report()))["images"] if "texels" in entry]
+    texels = sum(entry["texels"] for entry in told)
+    facts = {"faces": f"{len(scene.faces):,}"}
+    if texels > 0:
+        whole = sum(entry["image"][0] * entry["image"][1] for entry in told)
+        facts |= {"texels_per_face": f"{texels / len(scene.faces):,.1f}", "unused": max(1 - texels / whole, 0),
+                  "reuse": f"{sum(entry['texels'] * entry['shown_times'] for entry in told) / texels:.2f} times"}
+    return facts
+
+
+def geometry_lines(rows):
+    """Quality by bits of positions for both payloads, Markdown lines."""
+    lines = []
+    for asset in dict.fromkeys(row["asset"] for row in rows):
+        for group in grouped(rows):
+            mine = grouped(rows)[group].get(asset, [])
+            for row in sorted(mine, key=lambda r: r["options"]["position_bits"]):
+                sizes = [f"{row['bytes']['geometry']:,}", f"{rate_of(row, 'texture'):,}", f"{row['bytes']['total']:,}"]
+                lines.append([asset, group, str(row["options"]["position_bits"]), *sizes,
+                              *(f"{quality_of(row, measure):.2f}" for measure in SHOWN[:2])])
+    return markdown_table(["asset", "payload", "bits", "geometry", "texture", "total", *SHOWN[:2]], lines, 2)
+
+
+def page(args):
+    """The whole docs/reports/results.md."""
+    rows = read_results(args.all)
+    names = sorted({row["asset"] for row in rows} - {"sample"})
+    paths = {name: path for name in names if (path := args.assets / f"{name}.glb").exists()}
+    facts = {name: asset_facts(path) for name, path in paths.items()}
+    out = ["# Results", "", "Generated by `make results` (tools/bench/paper_table.py) from points of rate_points.py. BD-rate "
+           "in percent at equal quality, negative: fewer bytes are needed; of the whole stream in the first part, because auto "
+           "chooses the mesh as well, else of the texture, which is all but the bytes that positions and connectivity take "
+           "alone, so that UVs count, ours over texels too. Base colour and alpha are coded, nothing else.", "",
+           f"## Every asset: auto against {ANCHOR}", "",
+           f"{_evaluation(rows)} Vertex colours have no UVs: there the rival is {VERTEX_ANCHOR}.", "",
+           *asset_lines(rows, facts), ""]
+    for title, folder, wanted, anchor in (("The paper's rows beside ours", args.paper, PAPER, ANCHOR),
+                                          ("On a GPU: the paper's rows beside ours", args.resident, RESIDENT, "ASTC srgb")):
+        out += [f"## {title}", ""]
+        if folder is None:
+            out += ["Not measured for this page.", ""]
+            continue
+        found = read_results(folder)
+        missing = read_missing(folder)
+        out += [f"Against {anchor}. {_evaluation(found)}", "", *paper_lines(found, wanted, anchor), "",
+                SHARED, "", f"{SHOWN[0]}, asset by asset:", "", *by_asset_lines(found, anchor), ""]
+        out += [*markdown_table(*missing_table(missing)), ""] if missing else []
+    out += ["## What --advise foretells", "", *hit_lines(rows, paths), ""]
+    if args.geometry:
+        found = read_results(args.geometry)
+        out += ["## Lossy geometry", "", _evaluation(found), "", *geometry_lines(found), ""]
+    return "\n".join(out)
+
+
+def _evaluation(rows):
+    """How many points, by which code ours are, and what was looked at: sentences."""
+    image, ours = rows[0]["image"] or {}, [row for row in rows if row["method"] in OURS]
+    codes = {method: code_of(method, ()) for method in {row["method"] for row in ours}}
+    now = sum(row["code"] == codes[row["method"]] for row in ours)
+    share = f"all {now} of ours" if now == len(ours) else f"**{now} of {len(ours)} of ours**"
+    return (f"{len(rows)} points, {share} by the code of commit {state_of(REPOSITORY)}, rivals' by it or older code; "
+            f"{image.get('views', 0)} views of {image.get('size', 0)} pixels a side.")
+
+
+def main(arguments=None):
+    """Command line of the tool."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--all", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--assets", type=Path, required=True, metavar="FOLDER")
+    for name in ("--paper", "--resident", "--geometry"):
+        parser.add_argument(name, type=Path, metavar="DIR")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.md")
+    args = parser.parse_args(arguments)
+    args.out.write_text(page(args), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,171 @@
+"""Results as CSV, and as a report of blocks that become Markdown here and HTML in page.py.
+
+A block is (kind, content): "h1", "h2", "h3" and "p" with a text, "ul" with texts, "table" with (head, lines, number of columns
+at the left that are no numbers), "asset" with a name, the place of what a page shows of it.
+"""
+
+import csv
+import math
+import textwrap
+
+import numpy as np
+
+from texfcodec.core.colour_error import EXACT
+from tools.bench.differences import summary
+from tools.bench.results import LOSS, at, measures_of, rate_of, value_of
+
+SUMMARIES = {"mean": np.mean, "median": np.median}
+OTHER_MATERIAL = "published, other material"
+
+
+def write_csv(rows, path):
+    """A row per job; columns in the order in which they are met."""
+    rows = [flat(row) for row in rows]
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def flat(row, prefix=""):
+    """A nested dict with dotted keys; lists become text."""
+    out = {}
+    for key, value in row.items():
+        if isinstance(value, dict):
+            out |= flat(value, f"{prefix}{key}.")
+        else:
+            out[prefix + key] = "; ".join(map(str, value)) if isinstance(value, list) else value
+    return out
+
+
+def markdown_table(head, lines, texts=1):
+    """Lines of a Markdown table; texts: number of columns at the left that are no numbers."""
+    rule = ["---"] * texts + ["---:"] * (len(head) - texts)
+    return ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |" for cells in (head, rule, *lines)]
+
+
+def wrapped(lines):
+    """Prose wrapped at 130 columns; tables, pictures and headings as they are."""
+    for line in lines:
+        if line.startswith(("|", "#", "!")) or len(line) <= 130:
+            yield line
+        else:
+            yield from textwrap.wrap(line, 130, subsequent_indent="  " if line.startswith("- ") else "", break_long_words=False,
+                                     break_on_hyphens=False)
+
+
+def as_markdown(blocks):
+    """The text of a report."""
+    marks, lines = {"h1": "# ", "h2": "## ", "h3": "### ", "p": ""}, []
+    for kind, content in blocks:
+        if kind in marks:
+            lines += [marks[kind] + content, ""]
+        elif kind == "table":
+            lines += [*markdown_table(*content), ""]
+        elif kind == "ul":
+            lines += [*(f"- {text}" for text in content), ""]
+    return "\n".join(lines)
+
+
+def report(rows, missing, pairs, kind):
+    """Blocks of results.md. rows: measured and published ones; missing: of results.read_missing(); pairs: differences.Pair."""
+    measured = [row for row in rows if "published" not in row]
+    codes = sorted({f"{row['package']} {row['code']}" for row in measured})
+    blocks = [("h1", "Rate points"), ("p", f"{len(measured)} jobs; code {', '.join(codes)}"
+                                      + ("; **not all by the same code**" if len(codes) > 1 else ""))]
+    for asset in dict.fromkeys(row["asset"] for row in rows):
+        here = [row for row in rows if row["asset"] == asset]
+        is_other = all("published" in row for row in here)
+        blocks += [("h2", asset + (f" ({OTHER_MATERIAL})" if is_other else "")), ("asset", asset), ("table", asset_table(here))]
+    for other in dict.fromkeys(pair.other for pair in pairs):
+        blocks += comparison([pair for pair in pairs if pair.other == other], kind)
+    return blocks + ([("h2", "Missing"), ("table", missing_table(missing))] if missing else [])
+
+
+def asset_table(rows):
+    """Content of the table of one asset's rows, smallest first in each group."""
+    measures = measures_of(rows)
+    head = ["setting", "group", "bytes", "geometry", "texture", *measures, "encode, s", "decode, s", "encode, MB", "decode, MB"]
+    lines = []
+    for row in sorted(rows, key=lambda r: (r["group"], r["bytes"]["total"])):
+        sizes = [row["bytes"]["total"], row["bytes"].get("geometry", 0), rate_of(row, "texture")]
+        seconds = [_number(at(row, ("seconds", side, "total")), ".2f") for side in ("encode", "decode")]
+        memory = [_number(at(row, ("memory", side, "peak")), ".0f", 1e-6) for side in ("encode", "decode")]
+        name = row["setting"] + (f" ({row['published']})" if "published" in row else "")
+        quality = [_measured(row, measure) for measure in measures]
+        lines.append([name, row["group"], *(f"{size:,}" for size in sizes), *quality, *seconds, *memory])
+    return head, lines, 2
+
+
+def missing_table(missing):
+    """Content of the table of results.read_missing(): jobs of one group that miss the same stand in one line."""
+    jobs = {}
+    for row in missing:
+        jobs.setdefault(tuple(row[key] for key in ("group", "method", "state", "reason")), []).append(row)
+    lines = [[group, method, state, ", ".join(dict.fromkeys(row["asset"] for row in rows)), len(rows), reason]
+             for (group, method, state, reason), rows in jobs.items()]
+    return ["group", "method", "state", "assets", "jobs", "reason"], lines, 6
+
+
+def _measured(row, measure):
+    value = value_of(row, measure)
+    return EXACT if value is not None and math.isinf(value) else _number(value, ".4f" if measure in LOSS else ".2f")
+
+
+def _number(value, form, factor=1):
+    return "-" if value is None else format(value * factor, form)
+
+
+def comparison(pairs, kind):
+    """Blocks of the BD-rates of pairs with the same anchor: of one pair a table of its assets, of more a table by measure with a
+    line for each."""
+    tables = {pair.name: pair.differences(kind) for pair in pairs}
+    names, other = list(tables), pairs[0].other
+    blocks = [("h2", f"BD-rate: {names[0]} against {other}" if len(names) == 1 else f"BD-rate against {other}"),
+              ("p", f"Percent of {kind} bytes at equal quality; negative needs fewer. In brackets the part of both curves' range "
+               "of quality that overlaps, or the number of assets in a mean or median of not all.")]
+    if not any(tables.values()):
+        return [*blocks, ("p", "The two have no asset in common.")]
+    if any(measure in LOSS for table in tables.values() for row in table.values() for measure in row):
+        blocks.append(("p", "SSIM is compared in decibels, -10 log10(1 - SSIM), and LPIPS as -10 log10(LPIPS)."))
+    blocks += [("table", _by_asset(tables[names[0]]))] if len(names) == 1 else _by_measure(tables)
+    notes = {}
+    for name, table in tables.items():
+        for asset, row in table.items():
+            for measure, found in row.items():
+                if found.reason:
+                    where = asset if len(names) == 1 else f"{name}, {asset}"
+                    notes.setdefault(f"{where}: {found.reason}", []).append(measure)
+    return blocks + ([("ul", [f"none for {text} ({', '.join(measures)})" for text, measures in notes.items()])] if notes else [])
+
+
+def _by_asset(table):
+    """A line per asset, a column per measure."""
+    measures = list(dict.fromkeys(measure for row in table.values() for measure in row))
+    lines = [[asset, *(_percent(row[m]) for m in measures)] for asset, row in table.items()]
+    for name, of in SUMMARIES.items():
+        lines.append([f"**{name}**", *(_summary([row[m] for row in table.values()], of) for m in measures)])
+    return ["asset", *measures], lines
+
+
+def _by_measure(tables):
+    """Blocks: for each measure a line per group, a column per asset."""
+    measures = list(dict.fromkeys(measure for table in tables.values() for row in table.values() for measure in row))
+    assets, blocks = list(dict.fromkeys(asset for table in tables.values() for asset in table)), []
+    for measure in measures:
+        cells = []
+        for name, table in tables.items():
+            found = [table.get(asset, {}).get(measure) for asset in assets]
+            cells.append([name, *map(_percent, found), *(_summary(found, of) for of in SUMMARIES.values())])
+        blocks += [("h3", measure), ("table", (["group", *assets, *SUMMARIES], cells))]
+    return blocks
+
+
+def _percent(found):
+    return "-" if found is None or found.percent is None else f"{found.percent:+.2f} ({100 * found.overlap:.0f} %)"
+
+
+def _summary(found, of):
+    value, number = summary([one for one in found if one is not None], of)
+    return _number(value, "+.2f") + (f" ({number})" if 0 < number < len(found) else "")

@@ -1,0 +1,135 @@
+"""What rate_points.py has left in a folder: its rows, the rows that are missing, published rows, and the curves they form."""
+
+import json
+import math
+from pathlib import Path
+
+from texfcodec.batch.tasks import LOG, last_line
+from texfcodec.core.json_text import json_text
+from tools.bench.jobs import JOB, METRICS, MISSING, read_json, write_json
+
+OURS = "texf", "texf_baked"  # methods; the latter's stream is the former's
+AUTO = "TexF auto"  # the group of ours whose choices are left to the encoder
+# What is compared, by name: the path to it in metrics.json.
+PSNRS = {
+    "3D-PSNR Y": ("psnr_3d", "y"),
+    "3D-PSNR RGB": ("psnr_3d", "rgb"),
+    "image PSNR Y": ("image", "psnr", "y"),
+    "image PSNR RGB": ("image", "psnr", "rgb"),
+}
+MEASURES = {**PSNRS, "SSIM": ("image", "ssim"), "LPIPS": ("image", "lpips")}
+LOSS = {"SSIM": lambda value: 1 - value, "LPIPS": lambda value: value}  # compared as -10 log10 of these
+TOLD = ("asset", "setting", "group", "method", "state", "reason")  # of a row that is missing
+
+
+def read_results(folder):
+    """The metrics of all finished jobs of a folder of rate_points.py, in the order of their paths, or of keep_rows()'s file."""
+    if Path(folder).is_file():
+        return [row for row in _kept_rows(folder) if "state" not in row]
+    rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(Path(folder).glob(f"*/*/{METRICS}"))]
+    if not rows:
+        raise SystemExit(f"{folder}: no job is finished there (ASSET/SETTING/metrics.json)")
+    return rows
+
+
+def keep_rows(path, rows, missing):
+    """Writes what read_results() and read_missing() gave to a file of JSON lines."""
+    Path(path).write_text("".join(json_text(row) + "\n" for row in rows + missing), encoding="utf-8")
+
+
+def unpack_rows(path, folder):
+    """Makes finished jobs of the measured rows of a file of keep_rows(), in a folder of rate_points.py that lacks them."""
+    for row in read_results(path):
+        place = Path(folder) / row["asset"] / row["setting"]
+        if not place.exists():
+            place.mkdir(parents=True)
+            for name in (JOB, METRICS):
+                write_json(place / name, row)
+
+
+def _kept_rows(path):
+    return [json.loads(line) for line in Path(path).read_text(encoding="utf-8").splitlines()]
+
+
+def read_missing(folder):
+    """[{TOLD: text}] of jobs without metrics.json: what missing.json says, or "not finished" and the last line of the log."""
+    if Path(folder).is_file():
+        return [row for row in _kept_rows(folder) if "state" in row]
+    found = []
+    for job in sorted({path.parent for name in (JOB, MISSING) for path in Path(folder).glob(f"*/*/{name}")}):
+        if (job / METRICS).exists():
+            continue
+        facts = {"asset": job.parent.name, "setting": job.name, **(read_json(job / JOB) or {})}
+        told, log = read_json(job / MISSING), job / LOG
+        facts |= told or {"state": "not finished", "reason": last_line(log) if log.exists() else "it has not begun"}
+        found.append({key: str(facts.get(key, "")) for key in TOLD})
+    return found
+
+
+def published_rows(points):
+    """Rows of what bench.methods.published.read_published() has read, each with one measure of MEASURES.
+
+    Their "published" is the source; bytes are all of their rate, as if it were without geometry.
+    """
+    rows = []
+    for point in points:
+        rate = int(point["rate"]) if point["rate"] == int(point["rate"]) else point["rate"]
+        rows.append({"asset": point["asset"], "group": f"{point['method']}, published", "method": point["method"], "setting":
+                     f"{point['method']} {rate}", "published": point["source"], "bytes": {"total": rate}, "quality":
+                     {point["measure"]: point["quality"]}})
+    return rows
+
+
+def at(row, path):
+    """The value at a path of keys; None where the path ends early."""
+    for key in path:
+        row = row.get(key) if isinstance(row, dict) else None
+    return row
+
+
+def value_of(row, measure):
+    """What a row has of one of MEASURES, as it stands there: a PSNR in dB, SSIM or LPIPS; None: not measured; inf: exact."""
+    if "published" in row:
+        return row["quality"].get(measure)
+    value = at(row, MEASURES[measure])
+    is_exact = measure in PSNRS and value is None and at(row, MEASURES[measure][:-1]) is not None
+    return math.inf if is_exact else value
+
+
+def quality_of(row, measure):
+    """value_of() in decibels, the unit in which curves are compared: SSIM as -10 log10(1 - SSIM), LPIPS as -10 log10(LPIPS)."""
+    value = value_of(row, measure)
+    if value is None or measure in PSNRS:
+        return value
+    loss = LOSS[measure](value)
+    return -10 * math.log10(loss) if loss > 0 else math.inf
+
+
+def measures_of(rows):
+    """Those of MEASURES that at least one row has, in their order."""
+    return [measure for measure in MEASURES if any(value_of(row, measure) is not None for row in rows)]
+
+
+def rate_of(row, kind):
+    """Bytes of a row: "total", or "texture", all but geometry."""
+    return row["bytes"]["total"] - (row["bytes"].get("geometry", 0) if kind == "texture" else 0)
+
+
+def grouped(rows):
+    """{group: {asset: its rows}} in the order in which they come."""
+    found = {}
+    for row in rows:
+        found.setdefault(row["group"], {}).setdefault(row["asset"], []).append(row)
+    return found
+
+
+def curve_points(rows, measure, kind):
+    """[(bytes, dB, row)] by bytes, without exact rows and those that were not measured so."""
+    points = [(rate_of(row, kind), quality_of(row, measure), row) for row in rows]
+    return sorted((p for p in points if p[1] is not None and math.isfinite(p[1])), key=lambda p: p[:2])
+
+
+def curve_of(rows, measure, kind):
+    """([bytes], [dB]) of curve_points()."""
+    points = curve_points(rows, measure, kind)
+    return [rate for rate, _, _ in points], [quality for _, quality, _ in points]

@@ -1,0 +1,278 @@
+"""Branches of everything a decode imports, and which of them no run takes, with the JIT off.
+
+python tools/proof/coverage_table.py [--part NAME ...] [--out FOLDER] [--page docs/reports/coverage.md] [--keep]
+
+What a decode imports is asked of a fresh interpreter, in which texf-dec decodes one vector of each kind (SEEN_ON) to each kind of
+file: the modules of texfcodec that it holds at its end are measured, whole, the encoder's side of a file too. Then the PARTS run,
+each in a process of its own and with those that it starts, and the library `coverage` adds up the branches that they take.
+--part runs some of them only, --keep adds to what earlier runs left in the folder, --out.
+
+A branch that no part takes is missed. coverage_reasons.json says of branches why they cannot or need not be taken, by module,
+function and the text of the line, so that a reason holds while its code does. Exit code 7: a part fails, a missed branch has no
+reason, or less than LEAST of all branches are taken.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+if str(REPOSITORY) not in sys.path:  # run as a command
+    sys.path.insert(0, str(REPOSITORY))
+
+from tools.proof.coverage_page import page_of  # noqa: E402
+
+EXIT_DIFFERS = 7
+LEAST = 98.0  # per cent of the branches
+REASONS = Path(__file__).with_name("coverage_reasons.json")
+# Streams that go different ways, with the files that they are decoded to and how.
+SEEN_ON = (("subset/k3", ".npz"), ("subset/k3", ".glb"), ("subset/k3", ".gltf"), ("subset/k3", ".obj"), ("subset/k3", ".ply"),
+           ("subset/texels_alpha", ".glb"), ("subset/neural_hash", ".glb"), ("subset/constant", ".glb"),
+           ("uncommon/planar_mixed", ".glb"), ("subset/k3", ".glb", "--isolate"))
+LISTED = """
+import json, sys
+from texfcodec.cli.dec import main
+try:
+    main(sys.argv[2:])
+except SystemExit as ended:
+    assert ended.code == 0
+open(sys.argv[1], "w").write(json.dumps([name for name in sys.modules if name.partition(".")[0] == "texfcodec"]))
+"""
+SECONDS = "seconds.json"
+JIT_OFF, JIT_ON = {"NUMBA_DISABLE_JIT": "1"}, {"NUMBA_DISABLE_JIT": "0"}
+PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider",
+          "--deselect", "tests/cli/test_cli.py::test_info_is_quick_and_knows_no_numba",  # traced, it is not quick
+          "--deselect", "tests/repository/test_api.py::test_editors_see_every_public_name_with_its_type")  # keeps a cache
+# Tests of kernels, both sides, that are quick in plain Python
+PLAIN = (
+    "tiny_fields", "tiny_surfaces", "geometry", "shading_normals::test_a_cube_keeps_its_edges",
+    "shading_normals::test_a_ball_is_smooth_to_two_degrees_also_across_duplicated_vertices",
+    "shading_normals::test_normals_have_length_one_whatever_the_faces", "shading_normals::test_a_joined_rule_goes_round_a_prism",
+    "shading_normals::test_edges_that_nothing_shares_have_no_fold", "neural_cli::test_a_fit_is_told_in_lines",
+    "raht::test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain",
+    "raht::test_an_encoder_that_runs_out_of_room_says_so",
+    "field::test_no_faces_touch_no_voxels", "field::test_voxelise_refuses_faces_outside_the_vertex_list",
+    "texels::test_asked_texels_of_points_and_lines", "texels::test_limit_is_kept_before_keys_are_made",
+    "texels::test_a_point_is_taken_to_the_nearest_place_of_its_face",
+    "neural_oracle::test_a_position_outside_the_cube_is_no_question",
+    "bake::test_values_stay_in_range_where_the_least_squares_would_leave_it",
+    "bake::test_weighted_fit_agrees_with_a_dense_least_squares_solution",
+    "bake::test_faces_without_area_and_meshes_without_faces_bake",
+    "bake::test_gutters_show_what_lies_beyond_the_border", "bake::test_gutters_do_not_show_what_lies_around_a_sharp_edge",
+    "bake::test_gaps_keep_what_is_known", "bake::test_a_bent_normal_is_told_along_the_tangents_of_its_face",
+    "planar::test_dct_blocks_decode_as_by_the_naive_decoder[2-8-3-0]", "atlas::test_gaps_are_filled_with_what_mip_levels_average",
+    "atlas::test_cover_agrees_with_brute_force")
+# Tests of the Python around them: units, their checks, the child process, the command, files that are written, and those that are
+# read, because a format's reader stands beside its writer and texf-dec takes a stream out of a GLB
+COMPILED = ("api", "appearance", "atlas", "bake", "bitstream", "carried_stream", "cli", "codecs", "compile_beside",
+            "completion", "constant", "corruption", "effects", "enc_batch", "field", "findings", "formats", "geometry", "gltf",
+            "gltf_left_out", "gltf_skin", "image_limits", "interrupts", "invisible", "isolate", "joint_lattice", "kernel",
+            "ktx2", "levels", "limited_process", "loaded_normals", "lossless", "maps", "materials_back", "meshopt",
+            "material_choice", "neural_cli", "neural_fit", "neural_oracle", "neural_stream", "obj_ply", "options", "outputs",
+            "plugin_faults", "polygons", "psnr_3d", "queries", "rate_control", "reports", "sample_asset", "save",
+            "save_formats", "save_texels", "shading_normals", "stl_off", "tangents", "texel_fields", "texels", "threemf",
+            "validate", "wasm", "threads::test_with_one_thread_it_is_made_when_it_is_asked_for",
+            "hard_cases::test_a_single_point_is_refused_or_an_empty_stream",
+            "hard_cases::test_metadata_over_the_limit_are_left_out_with_a_remark", "render::test_wrong_choices_are_exit_1",
+            "way_back::test_an_output_written_twice_replaces_what_it_came_with",
+            "way_back::test_a_strangers_file_beside_the_output_stays",
+            "way_back::test_alpha_that_hides_nothing_leaves_as_opaque_and_is_named",
+            "way_back::test_attributes_take_the_smallest_type_that_is_exact",
+            "way_back::test_materials_with_and_without_images_share_a_file",
+            "flat_uvs::test_the_map_goes_into_the_shading_normals_where_uvs_make_no_frame",
+            "house::test_a_name_that_the_package_does_not_have_is_an_attribute_error")
+
+
+@dataclass(frozen=True)
+class Part:
+    """What runs. call: arguments of the interpreter; variables: of its environment; told: in words."""
+
+    name: str
+    call: tuple[str, ...]
+    variables: dict
+    told: str
+
+
+def _room_of(file):
+    """The room of tests/ that a file of tests stands in."""
+    return next(REPOSITORY.glob(f"tests/*/test_{file}.py")).parent.name
+
+
+def tests_of(chosen):
+    """Arguments of the interpreter that run quick tests: "file" or "file::test" of tests/test_file.py."""
+    parts = [name.partition("::") for name in chosen]
+    return (*PYTEST, *(f"tests/{_room_of(file)}/test_{file}.py{between}{test}" for file, between, test in parts))
+
+
+def told_of(chosen):
+    """The same in words."""
+    return "quick tests of " + ", ".join(dict.fromkeys(name.partition("::")[0] for name in chosen))
+
+
+PARTS = (
+    Part("conformance", ("conformance/run.py",), JIT_OFF, "every vector, at every level of detail, with its queries; no JIT"),
+    Part("plain", tests_of(PLAIN), JIT_OFF, told_of(PLAIN) + "; no JIT"),
+    Part("compiled", tests_of(COMPILED), JIT_ON, told_of(COMPILED) + "; with the JIT"),
+    Part("warmup", ("-m", "texfcodec.cli.enc", "--warmup"), JIT_ON, "`texf-enc --warmup`"),
+)
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A way out of a statement. text, goal: the first line of the statement, and the line that it would go to."""
+
+    function: str
+    line: int
+    text: str
+    goal: str
+
+    def key_in(self, module):
+        """The name of a branch, which holds while the text of its function does, wherever that moves."""
+        return f"{module}.{self.function}: {self.text} -> {self.goal}"
+
+
+@dataclass(frozen=True)
+class Module:
+    """What was counted of a module. missed: the branches that were not taken, by line."""
+
+    name: str
+    statements: int
+    branches: int
+    missed: tuple[Branch, ...]
+
+
+# What is measured
+
+
+def modules_of_a_decode(cases=SEEN_ON):
+    """{module of texfcodec: its file} of all that decoding imports."""
+    names = set()
+    with tempfile.TemporaryDirectory() as folder:
+        for vector, suffix, *more in cases:
+            listing = Path(folder) / "modules.json"
+            call = [sys.executable, "-c", LISTED, str(listing), str(REPOSITORY / "conformance" / vector / "in.texf"),
+                    str(Path(folder) / f"out{suffix}"), "--overwrite", "--quiet", *more]
+            subprocess.run(call, cwd=REPOSITORY, env=environment(), check=True)
+            names.update(json.loads(listing.read_text(encoding="utf-8")))
+    return {name: file for name in sorted(names) if (file := file_of(name)).stat().st_size}
+
+
+def file_of(module):
+    """The file of a module of the package."""
+    path = REPOSITORY.joinpath(*module.split("."))
+    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+
+
+def environment(**variables):
+    """This process's, in which the checkout that this file is in comes before an installed one."""
+    path = os.pathsep.join(filter(None, [str(REPOSITORY), os.environ.get("PYTHONPATH")]))
+    return {**os.environ, "PYTHONPATH": path, **variables}
+
+
+def settings(folder, source=REPOSITORY / "texfcodec"):
+    """Writes the settings of `coverage` into the folder; their file. Whole files count: no line is excluded by a comment."""
+    folder = folder.resolve()
+    file = folder / "coveragerc"
+    (folder / "data").mkdir(parents=True, exist_ok=True)
+    file.write_text(f"[run]\nbranch = true\nparallel = true\ndata_file = {folder / 'data' / 'coverage'}\n"
+                    f"source = {source}\npatch =\n    subprocess\n    _exit\nsigterm = true\n"
+                    "[report]\nexclude_lines = ^if TYPE_CHECKING:\npartial_branches =\n", encoding="utf-8")
+    return file
+
+
+def run_part(part, rc):
+    """(exit code, seconds) of a part, measured."""
+    start = time.monotonic()
+    call = [sys.executable, "-m", "coverage", "run", f"--rcfile={rc}", *part.call]
+    ended = subprocess.run(call, cwd=REPOSITORY, env=environment(**part.variables), check=False)
+    return ended.returncode, time.monotonic() - start
+
+
+# What was found
+
+
+def measured(rc, modules):
+    """Module of each module, from all data beside the settings. modules: {name: file}."""
+    from coverage import Coverage
+
+    found = Coverage(config_file=str(rc), data_file=str(rc.parent / "all"))
+    found.combine([str(file) for file in sorted((rc.parent / "data").iterdir())], keep=True)
+    report = rc.parent / "report.json"
+    found.json_report(outfile=str(report), include=[str(file) for file in modules.values()], ignore_errors=False)
+    told = json.loads(report.read_text(encoding="utf-8"))["files"]
+    files = {(REPOSITORY / name).resolve(): part for name, part in told.items()}
+    return [counted(name, files[file], file.read_text(encoding="utf-8").splitlines()) for name, file in modules.items()]
+
+
+def counted(name, told, lines):
+    """Module of what the report of `coverage` tells of a file. lines: the file's."""
+    at = lambda line: "end" if line < 0 else lines[line - 1].strip()
+    missed = [Branch(function or "module", line, at(line), at(goal))
+              for function, part in told["functions"].items() for line, goal in part["missing_branches"]]
+    summary = told["summary"]
+    return Module(name.removeprefix("texfcodec."), summary["num_statements"], summary["num_branches"],
+                  tuple(sorted(missed, key=lambda branch: branch.line)))
+
+
+def share_of(modules):
+    """Per cent of the branches of modules that are taken."""
+    branches = sum(m.branches for m in modules)
+    return 100 * (1 - sum(len(m.missed) for m in modules) / max(branches, 1))
+
+
+def complaints(modules, reasons):
+    """One sentence for everything that makes the run fail."""
+    found = [f"{m.name}:{branch.line} is not taken and nothing says why: {branch.key_in(m.name)}"
+             for m in modules for branch in m.missed if branch.key_in(m.name) not in reasons]
+    share = share_of(modules)
+    return found + ([f"{share:.2f} % of the branches are taken, less than {LEAST} %"] if share < LEAST else [])
+
+
+def _arguments(arguments):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--part", action="append", choices=[part.name for part in PARTS], help="run this part alone (repeatable)")
+    parser.add_argument("--keep", action="store_true", help="add to what earlier runs left in the folder")
+    parser.add_argument("--out", type=Path, default=REPOSITORY / "out" / "coverage", help="folder of what is measured")
+    parser.add_argument("--page", type=Path, help="write this Markdown page")
+    return parser.parse_args(arguments)
+
+
+def seconds_in(folder):
+    """{part: seconds} of what earlier runs left in a folder."""
+    file = folder / SECONDS
+    return json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+
+
+def main(arguments=None):
+    """Command line of the tool."""
+    args = _arguments(arguments)
+    if not args.keep:
+        shutil.rmtree(args.out / "data", ignore_errors=True)
+    rc, modules = settings(args.out), modules_of_a_decode()
+    spent, failed = seconds_in(args.out) if args.keep else {}, []
+    for part in PARTS:
+        if args.part is None or part.name in args.part:
+            code, spent[part.name] = run_part(part, rc)
+            failed += [f"{part.name} ends with {code}"] if code else []
+            print(f"{part.name}: {spent[part.name]:.0f} s", flush=True)
+    (args.out / SECONDS).write_text(json.dumps(spent), encoding="utf-8")
+    reasons = json.loads(REASONS.read_text(encoding="utf-8"))
+    found = measured(rc, modules)
+    if args.page:
+        runs = [(part, spent[part.name]) for part in PARTS if part.name in spent]
+        args.page.write_text(page_of(found, reasons, runs), encoding="utf-8")
+    wrong = failed + complaints(found, reasons)
+    branches = sum(m.branches for m in found)
+    print("\n".join([*wrong, f"{share_of(found):.2f} % of {branches} branches in {len(found)} modules"]))
+    return EXIT_DIFFERS if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

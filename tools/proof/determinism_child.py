@@ -1,0 +1,199 @@
+"""What tools/proof/determinism.py runs under each configuration: it codes and decodes what it is told, and says what comes out.
+
+python tools/proof/determinism_child.py < job.json, where the job is {"threads", "cases": [{"name", "source", "options", "decode",
+"stream", "keep"}]}: source a mesh file, the name of a scene of SCENES, or null where nothing is coded; decode further
+DecodeOptions; stream the file that is decoded, null for the stream just made; keep where the coded stream is put. The first line
+of stdout holds facts() about the process, every further one a case: {"name", "stream", "bytes", "arrays", "seconds"} with SHA-256
+of the stream and of every decoded array, or {"name", "error"}. It runs in environments that hold no more than the package needs.
+"""
+
+import hashlib
+import json
+import locale
+import math
+import os
+import platform
+import re
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+if not __package__:  # called as a file
+    sys.path[:0] = [str(REPOSITORY), str(REPOSITORY / "tests")]
+
+WIDE = ("AVX2", "AVX512", "X86_V3", "X86_V4", "FMA3")  # names of what AVX2 switched off must not leave on, as numpy says them
+WIDE_CORES = ("haswell", "zen", "skylakex", "cooperlake", "sapphirerapids")  # the cores of OpenBLAS that use AVX2
+QUESTIONS = 1000  # points that a decoded asset is asked for
+COARSER = 2  # levels left out in the second decoding
+
+
+# What is coded
+
+
+def tiny_sphere():
+    """A sphere with vertex colours."""
+    from shapes import painted_sphere
+
+    return painted_sphere(3)
+
+
+def tiny_sheets():
+    """Two textured sheets that cross, one see-through, with metadata."""
+    from shapes import crossing_sheets
+
+    return crossing_sheets()
+
+
+def tiny_maps():
+    """A wavy sheet with maps of normals, roughness and occlusion."""
+    from shapes import mapped_sheet, noise, plain_image
+
+    maps = {"normal": plain_image(140, 120, 250), "roughness": noise(3, 8, 8), "occlusion": noise(4, 8, 8)}
+    return mapped_sheet(maps, noise(0, 8, 8), cells=3)
+
+
+def bundled_sample():
+    """The bundled sample, made by code from photographs."""
+    from texfcodec.demo.asset import make_sample
+
+    return make_sample()
+
+
+SCENES = {"tiny sphere": tiny_sphere, "tiny sheets": tiny_sheets, "tiny maps": tiny_maps, "sample": bundled_sample}
+
+
+# What comes out
+
+
+def fingerprint(texf):
+    """{array: SHA-256} of every decoded array."""
+    arrays = {"lattice": texf.lattice_positions, "faces": texf.faces, "materials": texf.face_material}
+    arrays |= {name: getattr(texf, name) for name in ("sharp_edges", "coded_normals") if getattr(texf, name) is not None}
+    for i, unit in enumerate(texf.units):
+        if unit.uv is not None:
+            arrays[f"unit{i}_uv"] = unit.uv
+    for i, field in enumerate(texf.fields):
+        arrays[f"field{i}_keys"] = field.keys
+        arrays |= {f"field{i}_{name}": plane for name, plane in field.planes.items()}
+    return {name: _sha256(np.ascontiguousarray(array).tobytes()) for name, array in arrays.items()}
+
+
+def answers(texf):
+    """SHA-256 of the colours at the centres of some faces."""
+    chosen = np.linspace(0, len(texf.faces) - 1, min(QUESTIONS, len(texf.faces))).astype(np.int64)
+    points = texf.positions[texf.faces[chosen]].mean(axis=1)
+    return _sha256(texf.query(points, chosen).tobytes() if texf.fields else b"")
+
+
+def _sha256(content):
+    return hashlib.sha256(content).hexdigest()
+
+
+def row_of(case, threads):
+    """What a case comes to: {"name", "stream", "bytes", "arrays", "seconds"}."""
+    from texfcodec.api import decode, encode
+    from texfcodec.options import DecodeOptions, EncodeOptions
+
+    begin, source = time.perf_counter(), case["source"]
+    made = None if source is None else encode(SCENES[source]() if source in SCENES else source,
+                                              EncodeOptions(threads=threads, **case["options"]))
+    if made is not None and case["keep"]:
+        Path(case["keep"]).write_bytes(made)
+    stream = made if case["stream"] is None else Path(case["stream"]).read_bytes()
+    whole, coarse = (decode(stream, DecodeOptions(threads=threads, **{"lod": lod, **case["decode"]})) for lod in (0, COARSER))
+    arrays = fingerprint(whole) | {f"lod{COARSER}_{name}": told for name, told in fingerprint(coarse).items()}
+    return {"name": case["name"], "stream": made and _sha256(made), "bytes": len(stream if made is None else made),
+            "arrays": arrays | {"answers": answers(whole)}, "seconds": round(time.perf_counter() - begin, 2)}
+
+
+# What the process is
+
+
+def facts():
+    """What a configuration may ask of its process, measured in it and not taken from the settings."""
+    import numba
+
+    return {"python": platform.python_version(), "numpy": np.__version__, "numba": numba.__version__,
+            "jit": not numba.config.DISABLE_JIT, "processor": numba.config.CPU_NAME or "this one", "wide": wide_places(),
+            "libm": libm(), "decimal point": locale.localeconv()["decimal_point"], "offset to UTC": time.strftime("%z"),
+            "UTF-8 mode": sys.flags.utf8_mode, "encoding": locale.getpreferredencoding(False),
+            "random hashes": hash("texfcodec") != _settled_hash(), "working folder": os.getcwd()}
+
+
+def wide_places():
+    """Who still uses registers or operations of AVX2 and later: a list out of numpy, numba and BLAS."""
+    core = np._core if hasattr(np, "_core") else np.core
+    features = core._multiarray_umath.__cpu_features__
+    dispatched = core._multiarray_umath.__cpu_dispatch__
+    found = ["numpy"] if any(features.get(name) for name in dispatched if name.startswith(WIDE)) else []
+    found += ["numba"] if _compiles_wide() else []
+    return found + (["BLAS"] if any(name.lower().startswith(WIDE_CORES) for name in blas_cores()) else [])
+
+
+def _compiles_wide():
+    """Whether numba makes code with 32-byte registers of a loop that asks for them."""
+    import numba
+
+    if numba.config.DISABLE_JIT:
+        return False
+
+    @numba.njit
+    def _scaled(a):
+        return a * 2.5 + 1.0
+
+    _scaled(np.ones(64))
+    return any(re.search(r"%[yz]mm", text) for text in _scaled.inspect_asm().values())
+
+
+def blas_cores():
+    """The cores that every loaded OpenBLAS takes this processor for."""
+    import ctypes
+
+    import scipy.linalg  # noqa: F401  # it brings a second one
+
+    maps = Path("/proc/self/maps")
+    names = set(re.findall(r"\S*openblas\S*\.so\S*", maps.read_text())) if maps.exists() else set()
+    found = set()
+    for library in map(ctypes.CDLL, sorted(names)):
+        for prefix in ("", "scipy_"):
+            for suffix in ("", "64_"):
+                ask = getattr(library, f"{prefix}openblas_get_corename{suffix}", None)
+                if ask is not None:
+                    ask.restype = ctypes.c_char_p
+                    found.add(ask().decode())
+    return sorted(found)
+
+
+def libm():
+    """16 digits over what the C library's functions answer: it has other code for processors without FMA."""
+    angles = [0.37 + 0.00123 * i for i in range(20_000)]
+    told = [f(x) for f in (math.sin, math.exp, math.log, lambda x: math.pow(x, 2.4)) for x in angles]
+    return _sha256(np.array(told).tobytes())[:16]
+
+
+def _settled_hash():
+    """hash("texfcodec") of a Python with PYTHONHASHSEED=0, asked of one."""
+    import subprocess
+
+    program = [sys.executable, "-c", "print(hash('texfcodec'))"]
+    return int(subprocess.run(program, env={**os.environ, "PYTHONHASHSEED": "0"}, capture_output=True, check=True).stdout)
+
+
+def main():
+    """The command of the module's description."""
+    locale.setlocale(locale.LC_ALL, "")  # as a program does that speaks its user's language
+    job = json.loads(sys.stdin.buffer.read())
+    print(json.dumps(facts()), flush=True)
+    for case in job["cases"]:
+        try:
+            row = row_of(case, job["threads"])
+        except Exception as error:  # the other cases still get their turn
+            row = {"name": case["name"], "error": f"{type(error).__name__}: {error}"}
+        print(json.dumps(row), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -93,7 +93,7 @@ def test_changes_that_are_none_at_an_effort_have_no_row():
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_are_called_as_files_from_anywhere_and_as_modules(command, tmp_path):
     bare = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    for words, folder in (([REPOSITORY / f"bench/{command}.py"], tmp_path), (["-m", f"tools.bench.{command}"], REPOSITORY)):
+    for words, folder in (([REPOSITORY / f"tools/bench/{command}.py"], tmp_path), (["-m", f"tools.bench.{command}"], REPOSITORY)):
         line = [sys.executable, *words, "--help"]
         run = subprocess.run(line, cwd=folder, env=bare, capture_output=True, text=True, check=False)
         assert run.returncode == 0 and run.stdout.startswith("usage:"), run.stderr

@@ -98,7 +98,7 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     facts = json.loads(out)
     assert code == 0 and err == "" and out.count("\n") == 1
     assert set(facts) == {"schema", "bytes", "resolution", "qp", "max_error", "voxels", "faces", "vertices", "fields",
-                          "effects", "dropped", "remarks", "channels", "sizes",
+                          "effects", "dropped", "remarks", "channels",
                           "refinement", "codec", "seconds", "peak_memory_bytes", "psnr_3d", "psnr_samples", "warnings",
                           "texels_per_voxel_edge", "source", "ratio", "partition", "supports", "texels", "normals", "check",
                           "mesh"}
@@ -109,7 +109,7 @@ def test_encoder_reports_by_the_schema(call, mesh, tmp_path):
     assert total == sum(facts["bytes"].values()) == out_path.stat().st_size
     assert (facts["resolution"], facts["qp"], facts["faces"], facts["schema"]) == (32, 24, 4, 1)
     assert set(facts["psnr_3d"]) == {"y", "yuv611", "rgb"} and facts["psnr_3d"]["y"] > 30
-    assert facts["dropped"] == facts["effects"] == [] and not any(facts["sizes"])
+    assert facts["dropped"] == facts["effects"] == []
     assert [text.split(" (")[0] for text in facts["warnings"]] == ["the stream"]  # larger than these few bytes
     for number, channel in enumerate(facts["channels"]):
         assert set(channel) == {"field", "codec", "level_shift", "qp_offset", "encode_ms", "channels", "psnr", "bytes"}

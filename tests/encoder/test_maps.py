@@ -8,7 +8,6 @@ from shapes import mapped_sheet, noise, plain_image
 
 from texfcodec.api import decode
 from texfcodec.codecs.base import Group
-from texfcodec.encoder.decide import map_sizes
 from texfcodec.encoder.decide.texel_images import image_groups
 from texfcodec.encoder.map_planes import groups_of, joined, with_grey
 from texfcodec.encoder.pipeline import encode_scene
@@ -140,29 +139,6 @@ def test_a_material_without_base_colour_image_takes_the_size_of_its_maps():
     (part,) = texf.fields
     assert part.over_texels and part.support.size == (32, 32) and (np.ptp(part.planes["base_colour"], axis=0) == 0).all()
     assert part.support_of("roughness").size == (16, 16)
-
-
-@pytest.mark.parametrize("support", ["texels", "voxels"])
-def test_maps_on_a_coarser_level_come_back_close(support, monkeypatch):
-    image = smooth(96, 96, 3)
-    scene = mapped_sheet({"roughness": image, "occlusion": image}, noise(0, 96, 96), wrap=CLAMPED)
-    monkeypatch.setattr(map_sizes, "_levels", lambda *_: (1, [1.0, 0.5]))
-    made = encode_scene(scene, EncodeOptions(support=support, resolution=64, qp=16))
-    part = decode(made.data).fields[0]
-    assert part.shifts["roughness"] == part.shifts["occlusion"] == 1 and part.shifts.get("base_colour", 0) == 0
-    assert all(told["level_shift"] == 1 for told in made.choices["sizes"][0] + made.choices["channels"][1:])
-    fine = {name: 2.5 * len(part.planes[name]) < len(part.support) for name in ("roughness", "occlusion")}
-    assert all(fine.values())
-    if support == "texels":
-        xy = part.support.xy()
-        got = part.support_of("roughness").query(xy + 0.5, part.planes["roughness"])[:, 0]
-        assert np.sqrt(((got - image[xy[:, 1], xy[:, 0], 1]) ** 2).mean()) < 4
-
-
-def test_the_level_that_was_taken_is_the_cheapest_of_those_tried():
-    scene = mapped_sheet({"roughness": smooth(128, 128, 3), "occlusion": noise(2, 128, 128)}, noise(0, 128, 128), wrap=CLAMPED)
-    for told in encode_scene(scene, EncodeOptions(support="texels", rate="r03", effort="best")).choices["sizes"][0]:
-        assert len(told["costs"]) == told["level_shift"] + 2 and told["level_shift"] == int(np.argmin(told["costs"]))
 
 
 # What goes together.

@@ -19,7 +19,6 @@ from ..codecs import codec_of
 from ..codecs.base import JointCodec, Source, split_groups
 from ..core.threads import in_order
 from ..geometry.areas import area_shares
-from .decide.map_sizes import coarsen_maps
 from .decide.one_colour import one_colour
 from .decide.spending import CodedUnit, image_budgets, spend
 from .decision import Decision
@@ -64,7 +63,7 @@ class PlaneCoding(Coding):
 
     def content(self, content: Content, names: list[set[str]], colours: np.ndarray, rd: RateDistortion, wanted: Refine,
                 report: Report) -> Decision[Content]:
-        """See Coding.content: transfer from the textures, refinement, and maps at the level that suits them."""
+        """See Coding.content: transfer from the textures, and refinement."""
         source, fields = content
         for number, own in enumerate(names):
             with report.stage("transfer", (number, len(names))):
@@ -76,10 +75,7 @@ class PlaneCoding(Coding):
             refinement = refine_fields(source, fields[: len(names)], rd, wanted, step)
         fields = [*refinement.value, *fields[len(names) :]]
         source = source._replace(groups=with_grey(source.groups, fields))
-        with report.stage("sizes"):
-            sized = [coarsen_maps(part, source, rd) for part in fields]
-        evidence = {"refinement": refinement.evidence, "sizes": [one.evidence for one in sized]}
-        return Decision(Content(source, [one.value for one in sized]), evidence, warnings)
+        return Decision(Content(source, fields), {"refinement": refinement.evidence}, warnings)
 
     def units(self, plan: Plan, stream: Stream, report: Report) -> Decision[Planes]:
         """See Coding.units."""

@@ -278,7 +278,8 @@ def test_odd_uvs_go_over_voxels_or_are_a_coded_error(name, support):
         return
     texf = decode(made.data)
     assert made.counts["faces"] == 4 == len(texf.faces) and len(np.unique(texf.face_field)) == made.counts["fields"]
-    assert made.counts["voxels"] > 0 and (made.counts["texels"] > 0 or support == "auto")
+    are_near = name == "far away" and support == "texels"  # whole periods bring them back
+    assert (made.counts["voxels"] == 0) == are_near and (made.counts["texels"] > 0 or support == "auto")
 
 
 @pytest.mark.parametrize("name", ["no area", "one point", "flipped", "overlapping"])

@@ -19,7 +19,7 @@ from .stream_names import given_names, short_name, with_own_names
 
 RESULTS = "results.jsonl"  # in the folder for results
 KEYS = ("path", "out", "options")
-NOT_OF_AN_ASSET = {"advise", "batch", "checkpoint", "dry_run", "help", "jobs", "json", "limit_seconds", "memory_limit", "out",
+NOT_OF_AN_ASSET = {"batch", "checkpoint", "dry_run", "help", "jobs", "json", "limit_seconds", "memory_limit", "out",
                    "quiet", "scheduler", "version", "warmup"}  # flags that are no part of how an asset is coded
 
 

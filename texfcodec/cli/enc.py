@@ -11,7 +11,6 @@ from ..errors import InputError
 from ..io.formats import SUFFIXES
 from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
 from ..report import plural
-from .advice_lines import advice_lines
 from .batch import batch_flags, batch_of, encode_batch
 from .console import SIGNS, STYLE, check_output, is_device, run, seconds_of, timing_line, write_output
 from .effect_lines import decision_lines
@@ -49,14 +48,13 @@ def _warm_up(context, parameter, value):
 @explain_flags
 @batch_flags
 @click.option("--dry-run", is_flag=True, help="Load, estimate and report, but write nothing. OUT is optional.")
-@click.option("--advise", "advised", is_flag=True, help="As --dry-run, and predict what the encoder will choose.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
 @click.option("--quiet", is_flag=True, help="Print only errors: no progress, warnings or summary.")
 @click.option("--warmup", is_flag=True, is_eager=True, expose_value=False, callback=_warm_up,
               help="Compile all kernels before the first use, then exit.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
-def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
+def enc(console, source, out, dry_run, as_json, quiet, **choices):
     """Encode the textured mesh INPUT (SUFFIXES; "-": any of these on stdin) as OUT.texf ("-": stdout, with the report on stderr).
 
     Set the rate with --rate, with --resolution and --qp, with --target-bytes or with --target-psnr. K or QP alone takes the other
@@ -80,10 +78,10 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
     """
     from ..batch.compile_beside import compile_beside
 
-    batch, dry_run = batch_of(choices, source, out), dry_run or advised
+    batch = batch_of(choices, source, out)
     explained = seconds_to_explain(choices, dry_run)
-    if batch is not None and (advised or explained is not None):
-        raise click.UsageError("--advise and --explain-time cannot be combined with --batch")
+    if batch is not None and explained is not None:
+        raise click.UsageError("--explain-time cannot be combined with --batch")
     options = _options(choices)
     if batch is not None:
         return encode_batch(console, batch, options.checkpoint, dry_run)
@@ -99,8 +97,7 @@ def enc(console, source, out, dry_run, advised, as_json, quiet, **choices):
         if not dry_run:
             check_output(out, scene.files)
             compile_beside(options.threads, "encode")
-        facts = (_estimate(scene, options, report, advised) if dry_run
-                 else _encode(scene, options, report, out, explained))
+        facts = _estimate(scene, options, report) if dry_run else _encode(scene, options, report, out, explained)
     if not (console.as_json or dry_run):
         console.warnings(report)
     facts |= _run_facts(report)
@@ -208,28 +205,18 @@ def _sizes(scene, total):
     return {"source": told, "ratio": total and round(source / total, 3)}
 
 
-def _estimate(scene, options, report, is_advised):
-    """What --dry-run reports: counts as they stand in the source, voxels and seconds as a guess, the beginning of a plan; with
-    --advise, what would become of it."""
+def _estimate(scene, options, report):
+    """What --dry-run reports: counts as they stand in the source, voxels and seconds as a guess, the beginning of a plan."""
     from ..encoder.plan import outline
     from ..encoder.rate_control import estimate
 
     with report.stage("estimate"):
         voxels, seconds = estimate(scene, options)
-    begun = outline(scene, options, report)
-    advice = {"advice": _advice(begun, report)} if is_advised else {}
-    return {**begun.evidence, "dry_run": True, "bytes": None, **_sizes(scene, None),
+    return {**outline(scene, options, report).evidence, "dry_run": True, "bytes": None, **_sizes(scene, None),
             "resolution": options.resolution, "qp": options.qp, "voxels": None,
             "faces": len(scene.faces), "vertices": len(scene.positions), "materials": len(scene.materials),
             "textures": len(scene.textures), "estimated": {"voxels": voxels, "seconds": seconds}, "psnr_3d": None,
-            "support": options.support, "rate_is_free": options.rate_is_free and not codec_of(options.codec).joint, **advice}
-
-
-def _advice(outline, report):
-    from ..encoder.advise import advise
-
-    with report.stage("advise"):
-        return advise(outline)
+            "support": options.support, "rate_is_free": options.rate_is_free and not codec_of(options.codec).joint}
 
 
 def _run_facts(report):
@@ -389,10 +376,9 @@ def _dry_lines(facts, source):
     yield f"{source}: {size} bytes, {', '.join(counts)}"
     guess = facts["estimated"]
     free = "; the encoder may choose texels or a smaller K if they take fewer bytes" if facts["rate_is_free"] else ""
-    seconds = "" if "advice" in facts else f" and {guess['seconds']:.0f} s"  # --advise knows it better
-    yield f"K {facts['resolution']}: about {guess['voxels']} voxels{seconds}{free}; nothing was written"
+    yield (f"K {facts['resolution']}: about {guess['voxels']} voxels and {guess['seconds']:.0f} s{free}; "
+           "nothing was written")
     yield from decision_lines(facts["effects"], [])
-    yield from advice_lines(facts["advice"]) if "advice" in facts else ()
     for name, sign in SIGNS.items():
         for text in facts[name]:
             yield f"{sign}: {text}"

@@ -1,7 +1,7 @@
 """What an encode is going to do: plan(scene, request) decides, in order, what every part of the surface becomes, at which
 precision, and with which evidence. Nothing is coded here but geometry, whose decoded form everything else stands on.
 
-An Outline is the beginning of a plan, before anything is measured: a dry run and advice stop there. pipeline.code() turns a Plan
+An Outline is the beginning of a plan, before anything is measured: a dry run stops there. pipeline.code() turns a Plan
 into a stream, at the plan's QP or, by with_qp(), at another.
 """
 

@@ -6,8 +6,7 @@ much and no more (qp_offset). Lambda depends on the QP and on the source alone, 
 candidates: so a finer QP gets no fewer bytes and no larger error, as far as the estimates are true.
 
 Each kind of candidate has an estimate of its own in estimates/: supports are coded on small pieces (probe.py), partitions
-compared without coding (partition_error.py), UVs and positions rounded and looked at (uv_rounding.py, position_error.py), and
-advice measures images without any coding (image_measures.py).
+compared without coding (partition_error.py), UVs and positions rounded and looked at (uv_rounding.py, position_error.py).
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from ..geometry.areas import face_areas
 from ..scene.channels import BASE_COLOUR
 from .coder import Coder
 from .decide.channel_weights import shown_of_radians
-from .estimates import image_measures, partition_error, position_error, probe, uv_rounding
+from .estimates import partition_error, position_error, probe, uv_rounding
 from .estimates.usual_values import USUAL_K
 from .memo import Memo, NoMemo
 from .source_field import transfer_density
@@ -37,8 +36,6 @@ if TYPE_CHECKING:
     from ..limits import Limits
     from ..options import EncodeOptions
     from ..scene.scene import Scene
-    from .decide.texel_images import ImageGroup
-    from .estimates.image_measures import Measures
     from .estimates.position_error import PositionError
     from .estimates.probe import Patch, Probe
     from .source_field import SourceField
@@ -231,7 +228,3 @@ class RateDistortion:
     def partition(self, scene: Scene, surface: Surface, face_field: np.ndarray, resolution: int) -> dict[str, float]:
         """Squared errors of voxels without coding, {"y", "alpha"}. face_field: int64 [F]."""
         return partition_error.uncoded_errors(scene, surface, face_field, resolution, self.area_threshold, self.threads)
-
-    def image_measures(self, group: ImageGroup, surface: Surface) -> Measures | None:
-        """What an image costs over texels and over voxels, without coding; None where there is nothing to measure."""
-        return image_measures.measured(group, surface, self.resolution, self.step, self.limits.samples)

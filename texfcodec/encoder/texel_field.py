@@ -95,11 +95,6 @@ def _stretched(values, size):
     return np.stack([np.asarray(part) for part in parts], axis=-1)
 
 
-def wrapped_line(cells: np.ndarray, factor: int, size: int, mode: int) -> np.ndarray:
-    """Texels of an image of `size` texels below those of a line of the coded size, `factor` to one, by the wrap mode; int64."""
-    return wrapped((cells[:, None] * factor + np.arange(factor)).ravel(), size, mode)
-
-
 def wrapped(line: np.ndarray, size: int, mode: int) -> np.ndarray:
     """Columns or rows, int64 [N], of an image of `size` of them, by the wrap mode."""
     if mode == WRAP_CLAMP:

@@ -1,4 +1,4 @@
-"""docs/reports/results.md: the paper's rows beside ours, who wins where and why, what --advise foretells, and lossy geometry.
+"""docs/reports/results.md: the paper's rows beside ours, who wins where and why, and lossy geometry.
 
 python tools/bench/paper_table.py --all DIR --assets FOLDER [--paper DIR] [--resident DIR] [--geometry DIR] --out FILE.md
 
@@ -7,6 +7,7 @@ part whose folder is not given is left out, and the page says so.
 """
 
 import argparse
+import math
 import sys
 from pathlib import Path
 
@@ -15,7 +16,6 @@ import numpy as np
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tools.bench.advice_hits import hit_lines
 from tools.bench.differences import Pair, summary
 from tools.bench.jobs import REPOSITORY, code_of
 from tools.bench.provenance import state_of
@@ -26,6 +26,7 @@ ANCHOR, VERTEX_ANCHOR = "UV-Source HEVC", "vertex colours, Draco"
 SHOWN = ("image PSNR Y", "3D-PSNR Y", "SSIM")
 SHARED = ("Each row is over the qualities that it shares with the anchor, and two rows may share others: codecs on the same "
           "voxels are compared in [attribute coding](attribute_coding.md).")
+RASTER = 256  # texels along the longer side of the raster that counts those which are shown
 SCANS = ("bball_0001", "mars_terrain16", "mp_room_lod3", "ycb_chef_can", "ycb_scissors")
 # (our group, what the paper calls the row, its BD-rate by image PSNR on its MPEG and AOM meshes), against UV-Source HEVC.
 PAPER = (
@@ -142,21 +143,34 @@ def why(row, anchors, told):
 def asset_facts(path):
     """{"faces", "texels_per_face", "reuse", "unused"} of an asset: texels that the surface shows, how often, and how many of the
     images' it does not."""
-    from texfcodec.encoder.advise import advise
-    from texfcodec.encoder.plan import outline
     from texfcodec.io.load import load
+
+    scene = load(str(path))
+    texels, shown, whole = np.sum([(0, 0, 0), *_counts_of_images(scene)], axis=0)
+    facts = {"faces": f"{len(scene.faces):,}"}
+    if texels > 0:
+        facts |= {"texels_per_face": f"{texels / len(scene.faces):,.1f}", "unused": max(1 - texels / whole, 0),
+                  "reuse": f"{shown / texels:.2f} times"}
+    return facts
+
+
+def _counts_of_images(scene):
+    """Yields (texels that the surface shows, the same with each as often as it is shown, all texels) of every image; the first is
+    counted on a raster of at most RASTER texels a side."""
+    from texfcodec.encoder.decide.texel_images import image_groups
+    from texfcodec.encoder.plan import outline
+    from texfcodec.encoder.texel_field import TexelPlan, covered_texels, most_fraction_bits
     from texfcodec.options import EncodeOptions
     from texfcodec.report import Report
 
-    scene = load(str(path))
-    told = [entry for entry in advise(outline(scene, EncodeOptions(effects="none"), Report()))["images"] if "texels" in entry]
-    texels = sum(entry["texels"] for entry in told)
-    facts = {"faces": f"{len(scene.faces):,}"}
-    if texels > 0:
-        whole = sum(entry["image"][0] * entry["image"][1] for entry in told)
-        facts |= {"texels_per_face": f"{texels / len(scene.faces):,.1f}", "unused": max(1 - texels / whole, 0),
-                  "reuse": f"{sum(entry['texels'] * entry['shown_times'] for entry in told) / texels:.2f} times"}
-    return facts
+    begun = outline(scene, EncodeOptions(effects="none"), Report())
+    for group in image_groups(begun.scene, begun.surface):
+        size = tuple(max(1, round(side * min(1.0, RASTER / max(group.size)))) for side in group.size)
+        plan, whole = TexelPlan(group, size, min(2, most_fraction_bits(size, group))), math.prod(group.size)
+        uv = plan.corner_uv().reshape(-1, 2)
+        count = len(covered_texels(plan, uv, np.arange(len(uv)).reshape(-1, 3), None, None))
+        u, v = group.uv[:, 1] - group.uv[:, 0], group.uv[:, 2] - group.uv[:, 0]
+        yield count * whole / math.prod(size), np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() / 2, whole
 
 
 def geometry_lines(rows):
@@ -196,7 +210,6 @@ def page(args):
         out += [f"Against {anchor}. {_evaluation(found)}", "", *paper_lines(found, wanted, anchor), "",
                 SHARED, "", f"{SHOWN[0]}, asset by asset:", "", *by_asset_lines(found, anchor), ""]
         out += [*markdown_table(*missing_table(missing)), ""] if missing else []
-    out += ["## What --advise foretells", "", *hit_lines(rows, paths), ""]
     if args.geometry:
         found = read_results(args.geometry)
         out += ["## Lossy geometry", "", _evaluation(found), "", *geometry_lines(found), ""]

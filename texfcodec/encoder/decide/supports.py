@@ -23,7 +23,6 @@ from ...report import Step, no_step
 from ...scene.channels import BASE_COLOUR
 from ..decision import Decision
 from ..estimates.draco_bytes import draco_bytes
-from ..estimates.image_measures import UNIT_BYTES
 from ..estimates.probe import TEXEL_CELL, VOXEL_CELL, Probe
 from ..estimates.usual_values import USUAL_K, texels_shown, usual_values
 from ..texel_field import TexelPlan, covered_texels, most_fraction_bits
@@ -55,6 +54,7 @@ FINER_K, FINER_BITS = 1.5, 2  # times K, and bits of UVs, for what came out too 
 MOST_ROUNDED = 0.25  # of the error of coding, that rounding UVs may add where the rate's promise is kept
 UV_BYTES_A_BIT = 2 / 8  # of a corner, for each bit of its two coordinates
 LOSSLESS_FRACTION = 4
+UNIT_BYTES = 60  # of a further field
 MOST_VOXELS = 1 << 24  # that a K of the choice may have, a minute of work; thousands of surfaces that overlap have more
 MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few seconds; more than a million faces have elsewhere
 

@@ -118,6 +118,7 @@ def test_a_manifest_gives_options_and_names_and_bad_ones_are_told(call, catalogu
             read_catalogue(tmp_path / name, tmp_path / "out", print)
         assert refused.value.code == "TXF-I57"
     assert words_of({"qp": 3, "measure": True, "strict": False}) == ("--qp", "3", "--measure")
+    assert words_of({"limit": ["faces=3", "voxels=4"]}) == ("--limit", "faces=3", "--limit", "voxels=4")
     (tmp_path / "empty").mkdir()
     assert call("--batch", tmp_path / "empty", "--out", tmp_path / "out")[0] == 2
     assert call("--batch", tmp_path / "nowhere", "--out", tmp_path / "out")[0] == 2

@@ -337,9 +337,9 @@ def test_tool_gives_json_with_the_facts(call, tmp_path):
 
 @pytest.mark.parametrize("name, flags, expected", [
     ("subset/k3", (), 0), ("subset/k3", ("--strict",), 0), ("uncommon/strange_units", (), 0), ("faulty/version", (), 5),
-    ("uncommon/strange_units", ("--strict",), 7), ("faulty/crc_field", ("--strict",), 3), ("subset/k3", ("--max-faces", "3"), 6),
-    ("subset/k3", ("--max-voxels", "3"), 6), ("subset/k3", ("--max-samples", "3"), 6),
-    ("subset/k3", ("--max-file-bytes", "3"), 6), ("none", (), 2), ("subset/k3", ("--what",), 1),
+    ("uncommon/strange_units", ("--strict",), 7), ("faulty/crc_field", ("--strict",), 3),
+    *(("subset/k3", ("--limit", f"{name}=3"), 6) for name in ("faces", "voxels", "samples", "file-bytes")),
+    ("none", (), 2), ("subset/k3", ("--what",), 1),
 ])  # fmt: skip
 def test_tool_ends_with_the_code_of_the_worst(call, name, flags, expected):
     assert call("texf-validate", VECTORS / name / "in.texf", *flags)[0] == expected

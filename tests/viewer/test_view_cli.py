@@ -309,7 +309,7 @@ def test_what_cannot_be_read_is_a_coded_error(call, tmp_path, content, code):
 
 
 def test_limits_hold(call, made, web, tmp_path):
-    code, out, _ = call("texf-view", made / "s.texf", "--export", tmp_path / "a.html", "--max-faces", "3", "--json")
+    code, out, _ = call("texf-view", made / "s.texf", "--export", tmp_path / "a.html", "--limit", "faces=3", "--json")
     assert (code, json.loads(out)["error"]["code"]) == (6, "TXF-L03") and not (tmp_path / "a.html").exists()
 
 

@@ -33,22 +33,25 @@ MOST_JOBS = 256
 NAMES = {"shell_complete": file_names}
 
 
-def batch_flags(function: Callable) -> Callable:
-    """Decorator: the flags of a batch; take their values out of the choices with batch_of()."""
+def batch_flags(option: Callable) -> Callable[[Callable], Callable]:
+    """Decorator: the flags of a batch; take their values out of the choices with batch_of(). option: of an OptionGroup."""
     told = {
         "batch": ("CATALOGUE", {"help": "Encode every mesh in a folder and its subfolders, or in a manifest. Requires --out.",
                                 **NAMES}),
-        "out": ("DIR", {"help": "--batch: Folder for streams and results.", **NAMES}),
-        "jobs": ("N", number(1, MOST_JOBS, "--batch: Encode N assets at a time, with cores / N threads each; 1..256.  "
-                                           "[default: 1]")),
-        "scheduler": ("ADDRESS", {"help": "--batch: Encode on the Dask cluster at tcp://HOST:PORT."}),
-        "limit_seconds": ("S", number(0.001, 1e9, "--batch: Maximum time per asset, in seconds.")),
-        "memory_limit": ("BYTES", number(1 << 20, 1 << 62, "--batch: Maximum memory of the process that encodes an asset, in "
-                                                           "bytes (Linux only).")),
+        "batch_out": ("DIR", {"help": "Folder for streams and results.", **NAMES}),
+        "jobs": ("N", number(1, MOST_JOBS, "Encode N assets at a time, with cores / N threads each; 1..256.  [default: 1]")),
+        "scheduler": ("ADDRESS", {"help": "Encode on the Dask cluster at tcp://HOST:PORT."}),
+        "limit_seconds": ("S", number(0.001, 1e9, "Maximum time per asset, in seconds.")),
+        "memory_limit": ("BYTES", number(1 << 20, 1 << 62, "Maximum memory of the process that encodes an asset, in bytes "
+                                                           "(Linux only).")),
     }
-    for name, (metavar, keywords) in reversed(told.items()):
-        function = click.option(_flag(name), f"batch_{name}" if name == "out" else name, metavar=metavar, **keywords)(function)
-    return function
+
+    def decorate(function):
+        for name, (metavar, keywords) in reversed(told.items()):
+            function = option(_flag(name), name, metavar=metavar, **keywords)(function)
+        return function
+
+    return decorate
 
 
 def _flag(name):

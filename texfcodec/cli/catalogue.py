@@ -117,13 +117,17 @@ def _check(is_fine, text):
 
 
 def words_of(options: dict[str, Any]) -> tuple[str, ...]:
-    """Options as flags: {"qp": 24, "measure": true} is --qp 24 --measure. Raises ValueError for other values than these."""
+    """Options as flags: {"qp": 24, "measure": true, "limit": ["faces=9", "voxels=9"]} is --qp 24 --measure --limit faces=9
+    --limit voxels=9. Raises ValueError for other values than these."""
     words = []
     for name, value in options.items():
         _check(name.replace("-", "_") not in NOT_OF_AN_ASSET, f"{name} is not an option of an asset")
-        _check(isinstance(value, str | int | float), f"the option {name} must be text, a number, true or false")
+        values = value if isinstance(value, list) else [value]
+        _check(values and all(isinstance(one, str | int | float) for one in values),
+               f"the option {name} must be text, a number, true or false, or a list of these")
         flag = "--" + name.replace("_", "-")
-        words += [flag] if value is True else [] if value is False else [flag, str(value)]
+        for one in values:
+            words += [flag] if one is True else [] if one is False else [flag, str(one)]
     return tuple(words)
 
 

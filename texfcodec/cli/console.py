@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -24,7 +24,7 @@ SCHEMA = 1
 SIGNS = {"warnings": "warning", "dropped": "not coded", "remarks": "note"}  # what the lines of a report begin with
 TRACEBACK = "TEXF_TRACEBACK"  # set to 1 to see where an internal error comes from
 BEGIN = time.perf_counter()
-STYLE = {"help_option_names": ["-h", "--help"], "terminal_width": 100}
+STYLE = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
 class Console:
@@ -179,6 +179,14 @@ def write_output(path: str, data: bytes, inputs: Iterable[str] = ()) -> None:
 def is_device(path: str) -> bool:
     """True for what must not be replaced by a file: a device or a pipe."""
     return os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path)
+
+
+def run_facts(report: Report) -> dict[str, Any]:
+    """What every report of a run ends with: time, memory, warnings, losses and remarks."""
+    from ..report import peak_memory_bytes
+
+    return {"seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings,
+            "dropped": report.dropped, "remarks": report.remarks}
 
 
 def seconds_of(report: Report) -> dict[str, float]:

@@ -1,16 +1,15 @@
 """texf-dec: a .texf stream becomes a mesh file that viewers open."""
 
+from functools import partial
 from pathlib import Path
-from typing import NoReturn
 
 import click
 
-from .. import __version__
 from ..io.formats import APPEARANCES, ATLAS_METHODS, COMPRESSIONS, SAVED_SUFFIXES, TEXTURE_FORMATS
 from ..options import DecodeOptions
 from ..report import plural
-from .console import STYLE, run, seconds_of, timing_line, write_output
-from .flags import file_names, limit_flags, limits_of, number, option_flags
+from .console import STYLE, check_output, run, run_facts, timing_line, write_output
+from .flags import file_names, limit_flags, limits_of, number, option_flags, report_flags
 from .inputs import read_stream
 
 _LOOK = ("appearance", "texture_size", "atlas", "texture_format", "texture_quality", "compress")
@@ -48,9 +47,7 @@ _STREAM = ".texf"
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds")
 @option_flags(DecodeOptions, "threads")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="Print only errors: no progress, warnings or summary.")
-@click.version_option(__version__, message="%(prog)s %(version)s")
+@report_flags()
 @click.pass_obj
 def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, quiet, **choices):
     """Decode IN.texf ("-": stdin) to a mesh file. The suffix of OUT chooses the format ("-": GLB on stdout, with the report on
@@ -66,7 +63,6 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     from ..io.save import check_choices
     from ..precompile import DECODING, first_run
     from ..sandbox.engines import takes_sandbox
-    from .console import check_output
 
     if out == "-":
         console.stdout_is_taken()
@@ -142,18 +138,13 @@ def _save(texf, source, out, overwrite, look):
 
 
 def _facts(data, texf, report, saved):
-    from ..report import peak_memory_bytes
-
-    peaks = [p for p in (peak_memory_bytes(), report.child_peak_memory_bytes) if p]
-    values = {True: 0, False: 0}
-    for part in texf.fields:
-        values[part.over_texels] += len(part.keys)
+    values = {kind: sum(len(part.keys) for part in texf.fields if part.over_texels == kind) for kind in (False, True)}
+    facts = run_facts(report)
+    peaks = [p for p in (facts["peak_memory_bytes"], report.child_peak_memory_bytes) if p]
     return {"bytes": {"total": len(data)}, "resolution": texf.resolution, "voxels": values[False], "texels": values[True],
             "faces": sum(len(unit.faces) for unit in texf.units), "vertices": sum(len(unit.lattice) for unit in texf.units),
-            "fields": len(texf.fields),
-            "files": saved["files"], "seams": saved["seams"], "carried": saved["carried"], "seconds": seconds_of(report),
-            "peak_memory_bytes": max(peaks, default=None), "warnings": report.warnings,
-            "dropped": saved["dropped"], "remarks": report.remarks}
+            "fields": len(texf.fields), **facts, "peak_memory_bytes": max(peaks, default=None),
+            **{name: saved[name] for name in ("files", "seams", "carried", "dropped")}}
 
 
 def _lines(facts, out, counted):
@@ -172,10 +163,7 @@ def _seams_line(seams):
             f"{largest} of 255")
 
 
-def main(arguments: list[str] | None = None) -> NoReturn:
-    """The entry point."""
-    run(dec, arguments)
-
+main = partial(run, dec)
 
 if __name__ == "__main__":
     main()

@@ -1,10 +1,10 @@
 """texf-enc: a textured mesh becomes a .texf stream."""
 
-from typing import NoReturn
+from functools import partial
 
 import click
+from click_option_group import OptionGroup
 
-from .. import __version__
 from ..codecs import codec_of
 from ..codecs.base import JointCodec
 from ..errors import InputError
@@ -12,13 +12,22 @@ from ..io.formats import SUFFIXES
 from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
 from ..report import plural
 from .batch import batch_flags, batch_of, encode_batch
-from .console import SIGNS, STYLE, check_output, is_device, run, seconds_of, timing_line, write_output
+from .console import SIGNS, STYLE, check_output, is_device, run, run_facts, timing_line, write_output
 from .effect_lines import decision_lines
 from .explain_lines import explain_flags, explain_lines, seconds_to_explain
-from .flags import file_names, limit_flags, limits_of, number, option_flags
+from .flags import file_names, limit_flags, limits_of, number, option_flags, report_flags
 from .inputs import load_mesh
 
 _NAMED = 3  # losses in the result line
+RATE, KEPT, EFFORT, CODEC, NEURAL, LIMITS, BATCH = (OptionGroup(name, help=text) for name, text in {
+    "Rate": "Bytes or quality. K or QP alone takes the other from r04.",
+    "What is kept": "",
+    "Effort": "",
+    "Codec": "",
+    "3DNTC": "With --codec 3dntc, which fits a payload for the GPU.",
+    "Limits": "",
+    "Batch": "A whole catalogue, into the folder of --out.",
+}.items())
 COARSE = 3.5  # texels along a voxel edge from which on coarse voxels show; of 20 assets at K 1024 two are above, both below 28 dB
 
 
@@ -35,38 +44,37 @@ def _warm_up(context, parameter, value):
 @click.argument("source", metavar="INPUT", required=False, shell_complete=file_names)
 @click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
 @option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "target_psnr_of", "exact_rate",
-              "lossless")
-@click.option("--near-lossless", metavar="D", **number(1, 127, "As --lossless, but with an error of at most D per value, "
-                                                               "1..127."))
-@option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "keep_mesh", "effort", "refine", "codec",
-              "point", "resident_bytes", "steps", "seed", "latent_index", "transport", "checkpoint")
-@click.option("--codec-option", "codec_options", metavar="NAME=VALUE", multiple=True,
+              "lossless", option=RATE.option)
+@RATE.option("--near-lossless", metavar="D",
+             **number(1, 127, "As --lossless, but with an error of at most D per value, 1..127."))
+@option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "keep_mesh", "strict", option=KEPT.option)
+@option_flags(EncodeOptions, "effort", "refine", "threads", "no_check", "measure", option=EFFORT.option)
+@explain_flags(EFFORT.option)
+@option_flags(EncodeOptions, "codec", option=CODEC.option)
+@CODEC.option("--codec-option", "codec_options", metavar="NAME=VALUE", multiple=True,
               help="A setting of a plug-in's codec; may be repeated.")
-@option_flags(EncodeOptions, "threads")
-@limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes", "image_pixels")
-@option_flags(EncodeOptions, "measure", "no_check", "strict")
-@explain_flags
-@batch_flags
+@option_flags(EncodeOptions, "point", "resident_bytes", "steps", "seed", "latent_index", "transport", "checkpoint",
+              option=NEURAL.option)
+@limit_flags("vertices", "faces", "voxels", "samples", "metadata_bytes", "image_pixels", option=LIMITS.option)
+@batch_flags(BATCH.option)
 @click.option("--dry-run", is_flag=True, help="Load, estimate and report, but write nothing. OUT is optional.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="Print only errors: no progress, warnings or summary.")
 @click.option("--warmup", is_flag=True, is_eager=True, expose_value=False, callback=_warm_up,
               help="Compile all kernels before the first use, then exit.")
-@click.version_option(__version__, message="%(prog)s %(version)s")
+@report_flags()
 @click.pass_obj
 def enc(console, source, out, dry_run, as_json, quiet, **choices):
     """Encode the textured mesh INPUT (SUFFIXES; "-": any of these on stdin) as OUT.texf ("-": stdout, with the report on stderr).
 
-    Set the rate with --rate, with --resolution and --qp, with --target-bytes or with --target-psnr. K or QP alone takes the other
-    from r04. --lossless and --near-lossless bound the error of the coded colours instead; they do not affect the geometry.
+    Set the rate with --rate, with --resolution and --qp, with --target-bytes or with --target-psnr. --lossless and
+    --near-lossless bound the error of the coded colours instead; they do not affect the geometry.
 
     Without K, the encoder may keep the texels of an image, or choose fewer voxels than the rate has. It does so where bytes and
     picture error cost less. --support and --exact-rate prevent this.
 
-    --codec 3dntc fits a payload for the GPU. --point or --resident-bytes sets its size, and --steps the fitting time. K only sets
-    the number of voxels that a decoder produces from it.
+    With --codec 3dntc, --point or --resident-bytes sets the size, and --steps the fitting time. K only sets the number of voxels
+    that a decoder produces from the payload.
 
-    --batch encodes a whole catalogue into the folder of --out. A catalogue is a folder of meshes, a list of paths (one per line),
+    A catalogue of --batch is a folder of meshes, a list of paths (one per line),
     or a TOML file. The TOML file has [[asset]] tables with path, out (a name that ends in .texf) and options, and [options] for
     all. chair.glb becomes chair.texf. Assets that would get the same name take their whole names: chair.glb.texf and
     chair.stl.texf. An asset that has a stream keeps its name. Each asset adds a JSON line on stdout and in results.jsonl; with
@@ -100,7 +108,7 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
         facts = _estimate(scene, options, report) if dry_run else _encode(scene, options, report, out, explained)
     if not (console.as_json or dry_run):
         console.warnings(report)
-    facts |= _run_facts(report)
+    facts |= run_facts(report)
     console.result(facts, _dry_lines(facts, source) if dry_run else _lines(facts, out))
 
 
@@ -217,13 +225,6 @@ def _estimate(scene, options, report):
             "faces": len(scene.faces), "vertices": len(scene.positions), "materials": len(scene.materials),
             "textures": len(scene.textures), "estimated": {"voxels": voxels, "seconds": seconds}, "psnr_3d": None,
             "support": options.support, "rate_is_free": options.rate_is_free and not codec_of(options.codec).joint}
-
-
-def _run_facts(report):
-    from ..report import peak_memory_bytes
-
-    return {"seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings,
-            "dropped": report.dropped, "remarks": report.remarks}
 
 
 def _lines(facts, out):
@@ -387,10 +388,7 @@ def _dry_lines(facts, source):
 enc.help = str(enc.help).replace("SUFFIXES", " ".join(SUFFIXES))
 
 
-def main(arguments: list[str] | None = None) -> NoReturn:
-    """The entry point."""
-    run(enc, arguments)
-
+main = partial(run, enc)
 
 if __name__ == "__main__":
     main()

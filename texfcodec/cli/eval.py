@@ -1,13 +1,12 @@
 """texf-eval: how far a coded mesh is from its source, in rendered views and at points of its surface."""
 
-from typing import NoReturn
+from functools import partial
 
 import click
 
-from .. import __version__
 from ..io.formats import SUFFIXES
-from .console import STYLE, run, seconds_of, timing_line
-from .flags import file_names, limit_flags, limits_of, number
+from .console import STYLE, run, run_facts, timing_line
+from .flags import file_names, limit_flags, limits_of, number, report_flags
 from .inputs import check_stdin_once, load_mesh, open_asset, open_carried
 
 
@@ -25,9 +24,7 @@ from .inputs import check_stdin_once, load_mesh, open_asset, open_carried
 @click.option("--no-3d", is_flag=True, help="Leave out the metrics of surface points: 3D-PSNR, D1, D2, Hausdorff.")
 @limit_flags("texels", "image_pixels")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Maximum threads; 0 for all processors.  [default: 0]"))
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="Print only errors: no progress, warnings or summary.")
-@click.version_option(__version__, message="%(prog)s %(version)s")
+@report_flags()
 @click.pass_obj
 def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps, no_3d, threads, as_json, quiet, **limits):
     """Compare DECODED, a .texf stream or a mesh (SUFFIXES), with its source mesh SOURCE. One of them may be "-": a stream or a
@@ -59,7 +56,7 @@ def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps
         facts["surface"] = None if no_3d else _surface(scene, decoded, options.threads, report)
     if not console.as_json:
         console.warnings(report)
-    facts |= _run_facts(report)
+    facts |= {name: value for name, value in run_facts(report).items() if name != "dropped"}
     console.result(facts, _lines(facts, other))
 
 
@@ -132,13 +129,6 @@ def _surface(scene, decoded, threads, report):
         return surface_distance(source, mesh, threads=threads).report()
 
 
-def _run_facts(report):
-    from ..report import peak_memory_bytes
-
-    return {"seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings,
-            "remarks": report.remarks}
-
-
 def _lines(facts, other):
     from ..core.colour_error import in_decibels
 
@@ -200,10 +190,7 @@ def _angles(error):
 evaluate.help = str(evaluate.help).replace("SUFFIXES", " ".join(SUFFIXES))
 
 
-def main(arguments: list[str] | None = None) -> NoReturn:
-    """The entry point."""
-    run(evaluate, arguments)
-
+main = partial(run, evaluate)
 
 if __name__ == "__main__":
     main()

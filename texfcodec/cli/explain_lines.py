@@ -11,11 +11,11 @@ SAID = {"better": "better than requested", "buys": "saves bytes", "saves": "save
         "equal": "no difference", None: "no curve to compare with"}
 
 
-def explain_flags(command: Callable) -> Callable:
-    """Decorator: --explain-time and --explain-seconds."""
-    command = click.option("--explain-seconds", metavar="S", **number(0.1, 1e6, "As --explain-time, but try settings "
-                                                                                "for S seconds.  [default: 4 encodes]"))(command)
-    return click.option("--explain-time", is_flag=True, help=TEXT)(command)
+def explain_flags(option: Callable) -> Callable[[Callable], Callable]:
+    """Decorator: --explain-time and --explain-seconds. option: of an OptionGroup."""
+    seconds = number(0.1, 1e6, "As --explain-time, but try settings for S seconds.  [default: 4 encodes]")
+    return lambda command: option("--explain-time", is_flag=True, help=TEXT)(
+        option("--explain-seconds", metavar="S", **seconds)(command))
 
 
 def seconds_to_explain(choices: dict, dry_run: bool) -> float | None:

@@ -7,24 +7,26 @@ from typing import Any
 
 import click
 
+from .. import __version__
 from ..codecs import our_codecs
 from ..limits import Limits
 from ..options import DEFAULT_CODEC, FINEST_POSITIONS, words_of
 
 MOST_PIXELS = 8192  # a side of a picture
 FIBONACCI = 16  # views of the image metric
+_LIMIT_DIGITS = 18
 _LIMIT_TEXT = {
-    "file_bytes": "bytes of the stream",
-    "vertices": "vertices over all geometry units",
-    "faces": "faces over all geometry units",
-    "voxels": "active voxels and referenced texels over all fields",
-    "texels": "texels of an image of a field, referenced or not",
-    "image_pixels": "pixels of an image of a mesh file",
-    "samples": "surface samples and rows of texels, which take time",
-    "latents": "latents of a payload",
-    "metadata_bytes": "bytes of metadata",
-    "isolate_bytes": "bytes of memory in the sandbox of --isolate",
-    "isolate_seconds": "seconds in the sandbox of --isolate",
+    "file_bytes": "of the stream",
+    "vertices": "of all geometry units",
+    "faces": "of all geometry units",
+    "voxels": "and referenced texels, all fields",
+    "texels": "of an image of a field",
+    "image_pixels": "of an image of a mesh file",
+    "samples": "of the surface, which take time",
+    "latents": "of a payload",
+    "metadata_bytes": "",
+    "isolate_bytes": "memory of --isolate",
+    "isolate_seconds": "time of --isolate",
 }
 
 
@@ -46,14 +48,14 @@ def file_names(context: click.Context, parameter: click.Parameter, incomplete: s
     return [CompletionItem(incomplete, type="file")]
 
 
-def option_flags(kind: type, *names: str) -> Callable[[Callable], Callable]:
-    """Decorator: a flag for each of these fields of EncodeOptions or DecodeOptions; None, or False, where it is not given."""
-    table = {option.name: option for option in fields(kind)}
+def option_flags(kind: type, *names: str, option: Callable = click.option) -> Callable[[Callable], Callable]:
+    """Decorator: a flag for each of these fields of EncodeOptions or DecodeOptions; None, or False, where it is not given.
+    option: click's, or that of an OptionGroup."""
+    table = {told.name: told for told in fields(kind)}
 
     def decorate(function):
         for name in reversed(names):
-            option = table[name]
-            function = click.option("--" + name.replace("_", "-"), name, **_keywords(option))(function)
+            function = option("--" + name.replace("_", "-"), name, **_keywords(table[name]))(function)
         return function
 
     return decorate
@@ -61,7 +63,7 @@ def option_flags(kind: type, *names: str) -> Callable[[Callable], Callable]:
 
 def _keywords(option):
     told = option.metadata
-    text = _owner_of(option.name) + told["text"] + _default_text(option)
+    text = told["text"] + _default_text(option)
     if "allowed" in told:
         return {"type": click.Choice(list(words_of(option))), "metavar": told["metavar"], "help": text}
     if "range" in told:
@@ -70,12 +72,6 @@ def _keywords(option):
     if "switch" in told:
         return {"is_flag": True, "help": text}
     return {"metavar": told["metavar"], "help": text, "shell_complete": file_names}
-
-
-def _owner_of(name):
-    """The codec's name, put before the text of an option that only a codec other than the usual one reads."""
-    owners = [codec.name for codec in our_codecs() if name in codec.options]
-    return f"{owners[0]}: " if len(owners) == 1 and owners != [DEFAULT_CODEC] else ""
 
 
 def _default_text(option):
@@ -89,23 +85,48 @@ def _default_text(option):
     return "" if option.default is None or option.default is False else f"  [default: {option.default}]"
 
 
-def limit_flags(*names: str) -> Callable[[Callable], Callable]:
-    """Decorator: a flag --max-NAME for each of these fields of Limits; read them back with limits_of."""
+def limit_flags(*names: str, option: Callable = click.option) -> Callable[[Callable], Callable]:
+    """Decorator: --limit NAME=N for these fields of Limits, and the flags --max-NAME of version 0.9, hidden; read them back with
+    limits_of. option: click's, or that of an OptionGroup."""
+    shown = [f"{name.replace('_', '-')}={getattr(Limits(), name)}" for name in names]
+    lines = [f"{text:{max(map(len, shown))}}  {_LIMIT_TEXT[name]}".rstrip() for text, name in zip(shown, names, strict=True)]
+    text = "Limit NAME to N; 0 for no limit. May be repeated.\n\n\b\n[default:\n" + "\n".join(lines) + "]"
+
+    def check(context, parameter, given):
+        for word in given:
+            name, _, count = word.partition("=")
+            if name.replace("-", "_") not in names:
+                raise click.BadParameter(f"{name!r} is not a limit; choose {', '.join(names).replace('_', '-')}.")
+            if not (count.isascii() and count.isdigit() and len(count) <= _LIMIT_DIGITS):
+                raise click.BadParameter(f"{word!r} must be {name}=N with an integer N of at most {_LIMIT_DIGITS} digits.")
+        return given
 
     def decorate(function):
         for name in reversed(names):
-            default = getattr(Limits(), name)
-            settings = number(0, 1 << 62, f"Maximum {_LIMIT_TEXT[name]}; 0 for no limit.  [default: {default}]")
             flag = "--max-" + name.replace("_", "-")
-            function = click.option(flag, "max_" + name, default=default, metavar="N", **settings)(function)
-        return function
+            function = option(flag, "max_" + name, hidden=True, metavar="N", **number(0, 10**_LIMIT_DIGITS - 1))(function)
+        return option("--limit", multiple=True, metavar="NAME=N", callback=check, help=text)(function)
 
     return decorate
 
 
 def limits_of(choices: dict) -> Limits:
     """Takes the values of limit_flags out of the dict of choices and makes Limits of them."""
-    return Limits(**{name[4:]: choices.pop(name) for name in list(choices) if name.startswith("max_")})
+    old = {name[4:]: choices.pop(name) for name in list(choices) if name.startswith("max_")}
+    pairs = (word.split("=") for word in choices.pop("limit"))
+    new = {name.replace("-", "_"): int(count) for name, count in pairs}
+    return Limits(**{name: count for name, count in old.items() if count is not None} | new)
+
+
+def report_flags(quiet: str = "Print only errors: no progress, warnings or summary.") -> Callable[[Callable], Callable]:
+    """Decorator: --json, --quiet with this help, and --version."""
+
+    def decorate(function):
+        function = click.version_option(__version__, message="%(prog)s %(version)s")(function)
+        function = click.option("--quiet", is_flag=True, help=quiet)(function)
+        return click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")(function)
+
+    return decorate
 
 
 def size_of(context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:

@@ -1,34 +1,32 @@
 """texf-info: what stands where in a stream."""
 
 from collections import Counter
-from typing import NoReturn
+from functools import partial
 
 import click
 
-from .. import __version__
 from ..bitstream.syntax import SUPPORT_TEXELS
 from ..codecs import codec_of
 from ..core.json_text import json_text
 from ..errors import LimitError
-from ..limits import LEVELS, Limits
+from ..limits import LEVELS, UNLIMITED, Limits
 from ..report import plural
 from ..scene.normal_rule import rule_of
 from ..scene.scene import WRAP_NAMES
 from .console import STYLE, run
-from .flags import file_names
+from .flags import file_names, limit_flags, limits_of, report_flags
 from .inputs import read_stream
 
 
 @click.command("texf-info", context_settings=STYLE)
 @click.argument("file", metavar="FILE", shell_complete=file_names)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 @click.option("--effects", is_flag=True, help="Decode everything, and list the bytes, decoding time and drawing time of each "
                                               "channel and effect.")
 @click.option("--verify", is_flag=True, help="Decode everything and compare all checksums.")
-@click.version_option(__version__, message="%(prog)s %(version)s")
+@limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes")
+@report_flags("Print nothing but errors.")
 @click.pass_obj
-def info(console, file, as_json, quiet, effects, verify):
+def info(console, file, as_json, quiet, effects, verify, **choices):
     """List every syntax element of the .texf FILE ("-": stdin), or of the stream that a GLB carries, with its offset and size.
     The values are not decoded.
 
@@ -37,38 +35,46 @@ def info(console, file, as_json, quiet, effects, verify):
     """
     from ..bitstream.inspect import inspect
 
-    data = read_stream(file, Limits())
-    facts = inspect(data)
+    limits = limits_of(choices)
+    data = read_stream(file, limits)
+    facts = inspect(data, limits)
     if verify:
-        _verify(data, facts)
+        _verify(data, facts, limits)
     if effects:
-        facts |= _effect_facts(data, facts)
+        facts |= _effect_facts(data, facts, limits)
     console.result(facts, _lines(file, facts))
 
 
-def _verify(data, facts):
-    """Decodes everything within the bounds of the lowest level that holds it."""
+def _verify(data, facts, limits):
+    """Decodes everything within the bounds of the lowest level that holds it, and within limits; level None: above all levels."""
     from ..api import decode
     from ..options import DecodeOptions
 
-    for level in range(facts["level"] or max(LEVELS), max(LEVELS) + 1):
+    levels = [level for level in LEVELS if level >= (facts["level"] or max(LEVELS))]
+    for level in [*levels, None]:
         try:
-            decode(data, DecodeOptions(limits=LEVELS[level]))
+            decode(data, DecodeOptions(limits=_both(limits, LEVELS.get(level, UNLIMITED))))
             break
         except LimitError:
-            if level == max(LEVELS):
+            if level is None:
                 raise
     facts |= {"level": level, "verified": True}
 
 
-def _effect_facts(data, facts):
+def _both(first, second):
+    """The lower of two Limits in every respect."""
+    pairs = ((name, getattr(first, name), getattr(second, name)) for name in Limits.__dataclass_fields__)
+    return Limits(**{name: min(filter(None, values), default=0) for name, *values in pairs})
+
+
+def _effect_facts(data, facts, limits):
     """What channels and effects take: {"channels": one entry for each attribute unit, "drawing": of metrics.effect_times}."""
     from ..decoder import decode_stream
     from ..metrics.effect_times import effect_times
     from ..options import DecodeOptions
     from ..report import Report
 
-    report, options = Report(), DecodeOptions()
+    report, options = Report(), DecodeOptions(limits=limits)
     texf = decode_stream(data, options, report)
     sizes = {(group["field_index"], group["group_index"]): group["bytes"] for group in facts["groups"]}
     numbers = {tuple(channel.name for channel in group.channels): number for number, group in enumerate(texf.groups)}
@@ -142,10 +148,7 @@ def _normals_in_words(facts):
         yield f"coded normals: {facts['coded_normals']['num_groups']} in {facts['coded_normals']['bytes']} bytes"
 
 
-def main(arguments: list[str] | None = None) -> NoReturn:
-    """The entry point."""
-    run(info, arguments)
-
+main = partial(run, info)
 
 if __name__ == "__main__":
     main()

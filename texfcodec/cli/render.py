@@ -1,14 +1,13 @@
 """texf-render: a picture of a stream or a mesh, or of two of them and their difference."""
 
+from functools import partial
 from pathlib import Path
-from typing import NoReturn
 
 import click
 
-from .. import __version__
 from ..options import DecodeOptions, default_threads
-from .console import STYLE, check_output, run, seconds_of, timing_line, write_output
-from .flags import direction_of, file_names, limit_flags, limits_of, number, size_of
+from .console import STYLE, check_output, run, run_facts, timing_line, write_output
+from .flags import direction_of, file_names, limit_flags, limits_of, number, report_flags, size_of
 from .inputs import check_stdin_once, load_asset, say_losses
 
 WHITE = (255, 255, 255)
@@ -53,9 +52,7 @@ def _background_of(context, parameter, value):
               help="Draw a second stream or mesh beside the first, and a heat map of their difference.")
 @limit_flags("texels", "image_pixels")
 @click.option("--threads", metavar="N", default=0, **number(0, 1024, "Maximum threads; 0 for all processors.  [default: 0]"))
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="Print only errors: no progress, warnings or summary.")
-@click.version_option(__version__, message="%(prog)s %(version)s")
+@report_flags()
 @click.pass_obj
 def render(console, source, out, compare, as_json, quiet, **choices):
     """Draw a stream or mesh as OUT.png ("-": stdout, with the report on stderr). The picture shows base colour or, with
@@ -155,13 +152,10 @@ def _compared(named, shown, compared, choices, report):
 
 
 def _facts(image, picture, choices, compared, report):
-    from ..report import peak_memory_bytes
-
     return {"width": image.shape[1], "height": image.shape[0], "direction": [round(float(v), 6) for v in choices["view"]],
             "perspective": choices["perspective"], "shaded": choices["shaded"], "pixels": picture.width * picture.height,
             "covered": len(picture.pixel), "background": list(choices["background"]), "compare": compared,
-            "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings,
-            "dropped": report.dropped, "remarks": report.remarks}
+            **run_facts(report)}
 
 
 def _lines(facts, out):
@@ -180,10 +174,7 @@ def _lines(facts, out):
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 
-def main(arguments: list[str] | None = None) -> NoReturn:
-    """The entry point."""
-    run(render, arguments)
-
+main = partial(run, render)
 
 if __name__ == "__main__":
     main()

@@ -1,14 +1,13 @@
 """texf-validate: everything that is wrong or odd in a stream."""
 
-from typing import NoReturn
+from functools import partial
 
 import click
 
-from .. import __version__
 from ..errors import EXIT_DIFFERS, EXIT_LIMIT, EXIT_OK, EXIT_STREAM, EXIT_SUPPORT
 from ..options import DecodeOptions
 from .console import STYLE, run
-from .flags import file_names, limit_flags, limits_of, option_flags
+from .flags import file_names, limit_flags, limits_of, option_flags, report_flags
 from .inputs import read_stream
 
 _IN_A_WORD = {EXIT_OK: "valid", EXIT_DIFFERS: "valid, with warnings", EXIT_STREAM: "invalid", EXIT_SUPPORT: "not supported",
@@ -22,9 +21,7 @@ _IN_A_WORD = {EXIT_OK: "valid", EXIT_DIFFERS: "valid, with warnings", EXIT_STREA
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes", "isolate_bytes",
              "isolate_seconds")
 @option_flags(DecodeOptions, "threads")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")
-@click.option("--quiet", is_flag=True, help="Print no findings; return the exit code.")
-@click.version_option(__version__, message="%(prog)s %(version)s")
+@report_flags("Print no findings; return the exit code.")
 @click.pass_obj
 def validate(console, file, strict, as_json, quiet, **choices):
     """List every error, warning and note about the .texf FILE ("-": stdin), or about the stream that a GLB carries. The tool
@@ -87,10 +84,7 @@ def _names(units):
         yield f"unit {first} ({name})" if first == last else f"units {first} to {last} ({name})"
 
 
-def main(arguments: list[str] | None = None) -> NoReturn:
-    """The entry point."""
-    run(validate, arguments)
-
+main = partial(run, validate)
 
 if __name__ == "__main__":
     main()

@@ -15,6 +15,7 @@ from texfcodec.cli import interrupts as answering
 from texfcodec.core import cleanup
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+UNIX = pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
 LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="moments are counted by /proc")
 
 PENDING = """
@@ -65,6 +66,12 @@ main()
 """
 
 
+def started(program, *arguments, handler=signal.SIG_DFL):
+    """A finished process of a program's text. handler: of SIGINT, as its caller leaves it."""
+    return subprocess.run([sys.executable, "-c", program, *arguments], cwd=REPOSITORY, capture_output=True, text=True,
+                          check=False, timeout=300, preexec_fn=lambda: signal.signal(signal.SIGINT, handler))
+
+
 @pytest.mark.slow
 @LINUX
 def test_every_tool_ends_as_it_should_at_random_moments(tmp_path):
@@ -83,7 +90,7 @@ def test_a_tool_that_is_killed_leaves_whole_files_and_runs_again(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
+@UNIX
 @pytest.mark.parametrize("module, function", [("encoder.decide.contacts", "find_contacts"), ("field.voxelise", "voxelise")])
 def test_an_interrupt_that_waits_for_a_kernel_is_a_keyboard_interrupt(module, function):
     """Numba runs Python while it boxes a kernel's results; an interrupt between two arrays was a SystemError or a crash."""
@@ -118,33 +125,27 @@ print(*sorted(seen), "-", *many)
     assert not many  # but for what only other kernels call, which is compiled without a way to Python
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
+@UNIX
 def test_ctrl_c_in_mid_encode_leaves_nothing(tmp_path):
     interrupts.prepare(tmp_path)
     before = interrupts.contents(tmp_path)
-    program = [sys.executable, "-c", MIDWAY, tmp_path / "mesh.ply", tmp_path / "a.texf", *interrupts.SMALL]
-    run = subprocess.run(program, cwd=REPOSITORY, capture_output=True, check=False, timeout=300,
-                         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-    assert (run.returncode, run.stdout, run.stderr) == (130, b"", interrupts.INTERRUPTED)
+    run = started(MIDWAY, tmp_path / "mesh.ply", tmp_path / "a.texf", *interrupts.SMALL)
+    assert (run.returncode, run.stdout, run.stderr) == (130, "", interrupts.INTERRUPTED.decode())
     assert interrupts.contents(tmp_path) == before
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
+@UNIX
 def test_an_interrupt_after_the_rename_comes_too_late(tmp_path):
     interrupts.prepare(tmp_path)
-    program = [sys.executable, "-c", LATE.format(tool="enc"), tmp_path / "mesh.ply", tmp_path / "a.texf", *interrupts.SMALL]
-    run = subprocess.run(program, cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300,
-                         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    run = started(LATE.format(tool="enc"), tmp_path / "mesh.ply", tmp_path / "a.texf", *interrupts.SMALL)
     assert (run.returncode, run.stderr) == (0, "") and "a.texf: " in run.stdout
     assert (tmp_path / "a.texf").read_bytes() == (tmp_path / "stream.texf").read_bytes()
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="this system has no kill() of one's own process")
+@UNIX
 def test_an_interrupt_between_two_renames_waits_for_the_last(tmp_path):
     interrupts.prepare(tmp_path)
-    program = [sys.executable, "-c", LATE.format(tool="dec"), tmp_path / "stream.texf", tmp_path / "a.gltf"]
-    run = subprocess.run(program, cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300,
-                         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    run = started(LATE.format(tool="dec"), tmp_path / "stream.texf", tmp_path / "a.gltf")
     names = {path.name for path in tmp_path.iterdir()}
     assert {"a.gltf", "a.bin", "a.png"} <= names and not [name for name in names if name.endswith(".tmp")]
     assert (run.returncode, run.stdout.count("faces")) == (0, 1)
@@ -152,17 +153,13 @@ def test_an_interrupt_between_two_renames_waits_for_the_last(tmp_path):
 
 def test_a_process_that_ignores_the_signal_goes_on_ignoring_it(tmp_path):
     interrupts.prepare(tmp_path)
-    program = [sys.executable, "-c", LATE.format(tool="enc"), tmp_path / "mesh.ply", tmp_path / "a.texf", *interrupts.SMALL]
-    run = subprocess.run(program, cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300,
-                         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
+    run = started(LATE.format(tool="enc"), tmp_path / "mesh.ply", tmp_path / "a.texf", *interrupts.SMALL, handler=signal.SIG_IGN)
     assert run.returncode == 0 and (tmp_path / "a.texf").exists()
 
 
 def test_import_of_a_tool_leaves_the_signal_alone():
     program = "import signal; from texfcodec.cli import enc; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
-    run = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=True,
-                         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-    assert run.stdout == "True\n"
+    assert started(program).stdout == "True\n"
 
 
 def test_what_is_unfinished_is_removed(tmp_path):

@@ -5,7 +5,6 @@ import json
 import pytest
 
 from texfcodec import decode
-from texfcodec.cli import dec, enc, info
 from texfcodec.codecs import codec_of
 from texfcodec.demo.asset import write_sample
 
@@ -19,33 +18,19 @@ def mesh(tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def call(capsys):
-    """call(main, arguments...) -> (exit code, stdout, stderr), in this process."""
-
-    def run(main, *arguments):
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main([str(a) for a in arguments])
-        said = capsys.readouterr()
-        return ended.value.code, said.out, said.err
-
-    return run
-
-
 def test_a_payload_is_made_described_and_decoded(call, mesh, tmp_path):
-    code, out, _ = call(enc.main, mesh, tmp_path / "a.texf", *SMALL, "--json", "--measure")
+    code, out, _ = call("texf-enc", mesh, tmp_path / "a.texf", *SMALL, "--json", "--measure")
     facts = json.loads(out)
     assert code == 0 and facts["codec"] == "3dntc" and facts["resident"]["total"] <= 60_000 and facts["fit"]["steps"] == 20
     assert facts["psnr_3d"]["rgb"] > 10
-    code, out, _ = call(info.main, tmp_path / "a.texf", "--verify")
+    code, out, _ = call("texf-info", tmp_path / "a.texf", "--verify")
     assert code == 0 and "3DNTC, all fields" in out and "resident form" in out and "verified: OK" in out
-    code, out, _ = call(dec.main, tmp_path / "a.texf", tmp_path / "a.ply", "--json")
+    code, out, _ = call("texf-dec", tmp_path / "a.texf", tmp_path / "a.ply", "--json")
     assert code == 0 and (tmp_path / "a.ply").stat().st_size > 1000
 
 
 def test_people_read_what_the_gpu_keeps_and_what_the_fit_reached(call, mesh, tmp_path):
-    code, out, _ = call(enc.main, mesh, tmp_path / "a.texf", *SMALL)
+    code, out, _ = call("texf-enc", mesh, tmp_path / "a.texf", *SMALL)
     assert code == 0 and "resident" in out and "fit: 20 steps" in out and "dB at held-out points" in out
 
 
@@ -54,18 +39,18 @@ def test_people_read_what_pictures_gained(call, mesh, tmp_path, monkeypatch):
 
     real, few = picture_refinement.refine_by_pictures, {"iterations": 1, "size": 64}
     monkeypatch.setattr(picture_refinement, "refine_by_pictures", lambda *told, **named: real(*told, **(named | few)))
-    code, out, _ = call(enc.main, mesh, tmp_path / "a.texf", *SMALL, "--refine", "render")
+    code, out, _ = call("texf-enc", mesh, tmp_path / "a.texf", *SMALL, "--refine", "render")
     assert code == 0 and "refined on pictures" in out
-    code, out, _ = call(enc.main, mesh, tmp_path / "b.texf", *SMALL, "--refine", "fit", "--json")
+    code, out, _ = call("texf-enc", mesh, tmp_path / "b.texf", *SMALL, "--refine", "fit", "--json")
     assert code == 2 and json.loads(out)["error"]["code"] == "TXF-I50" and not (tmp_path / "b.texf").exists()
 
 
 def test_a_checkpoint_is_taken_up_and_that_of_another_fit_refused(call, mesh, tmp_path):
     kept = ("--checkpoint", tmp_path / "fit.ckpt", "--json")
-    first, second = (json.loads(call(enc.main, mesh, tmp_path / name, *SMALL, *kept)[1]) for name in ("a.texf", "b.texf"))
+    first, second = (json.loads(call("texf-enc", mesh, tmp_path / name, *SMALL, *kept)[1]) for name in ("a.texf", "b.texf"))
     assert (tmp_path / "a.texf").read_bytes() == (tmp_path / "b.texf").read_bytes()
     assert second["fit"]["seconds"] == first["fit"]["seconds"]  # nothing was left to do
-    code, out, _ = call(enc.main, mesh, tmp_path / "c.texf", *SMALL, "--seed", "5", *kept)
+    code, out, _ = call("texf-enc", mesh, tmp_path / "c.texf", *SMALL, "--seed", "5", *kept)
     assert code == 2 and json.loads(out)["error"]["code"] == "TXF-I55" and not (tmp_path / "c.texf").exists()
 
 
@@ -75,14 +60,14 @@ def test_a_checkpoint_is_taken_up_and_that_of_another_fit_refused(call, mesh, tm
     ("--codec", "raht", "--resident-bytes", "10000"), ("--checkpoint", "x"),
 ])
 def test_flags_of_the_other_codec_are_a_mistake(call, mesh, tmp_path, flags):
-    code, _, err = call(enc.main, mesh, tmp_path / "a.texf", *flags)
+    code, _, err = call("texf-enc", mesh, tmp_path / "a.texf", *flags)
     assert code == 1 and "does not apply to" in err and not (tmp_path / "a.texf").exists()
 
 
 def test_isolated_decoding_gives_the_same_file(call, mesh, tmp_path):
-    call(enc.main, mesh, tmp_path / "a.texf", *SMALL, "--quiet")
+    call("texf-enc", mesh, tmp_path / "a.texf", *SMALL, "--quiet")
     for name, flags in (("a.npz", ()), ("b.npz", ("--isolate",))):
-        assert call(dec.main, tmp_path / "a.texf", tmp_path / name, *flags)[0] == 0
+        assert call("texf-dec", tmp_path / "a.texf", tmp_path / name, *flags)[0] == 0
     assert decode((tmp_path / "a.texf").read_bytes()).evaluators
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
 

@@ -17,14 +17,15 @@ from ..core import cleanup
 from ..core.json_text import json_ready, json_text
 from ..errors import EXIT_DIFFERS, EXIT_IO, InputError, LimitError, SupportError, TexfError
 from ..options import default_threads
+from ..precompile import ALL, first_run
 from ..report import plural
 from . import interrupts
 from .catalogue import Asset, read_catalogue, words_given
 from .console import Console, printable
-from .flags import file_names, number
+from .flags import file_names, flag_of, number
 from .passed_over import PassedOver
 from .results import Results, sha256_of
-from .totals import Totals, losses_in_words, losses_of
+from .totals import Totals, losses_in_words
 
 SCHEMA = 1
 FLAGS = ("batch", "batch_out", "jobs", "scheduler", "limit_seconds", "memory_limit")
@@ -48,20 +49,16 @@ def batch_flags(option: Callable) -> Callable[[Callable], Callable]:
 
     def decorate(function):
         for name, (metavar, keywords) in reversed(told.items()):
-            function = option(_flag(name), name, metavar=metavar, **keywords)(function)
+            function = option(flag_of(name), name, metavar=metavar, **keywords)(function)
         return function
 
     return decorate
 
 
-def _flag(name):
-    return "--" + name.removeprefix("batch_").replace("_", "-")
-
-
 def batch_of(choices: dict[str, Any], source: str | None, out: str | None) -> dict[str, Any] | None:
     """Takes the values of batch_flags out of the choices: as a dict, or None where no batch is asked for."""
     asked = {name: choices.pop(name) for name in FLAGS}
-    given = [_flag(name) for name, value in asked.items() if value is not None]
+    given = [flag_of(name) for name, value in asked.items() if value is not None]
     if asked["batch"] is None:
         if given:
             raise click.UsageError(f"{' and '.join(given)} can only be used with --batch")
@@ -98,12 +95,10 @@ def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None
             with progress(len(todo)) as show:
                 batch.run(todo, room, show)
     console.note(batch.summary(len(assets), len(todo)))
-    if passed_over.counts:
-        console.note(passed_over.line())
-    for line in batch.totals.lines():
+    for line in (*passed_over.line(), *batch.totals.lines()):
         console.note(line)
     if console.as_json:
-        totals = batch.totals.facts() | {"skipped": passed_over.counts}
+        totals = batch.totals.facts() | {"skipped": passed_over.counts()}
         click.echo(json_text({"schema": SCHEMA, "totals": totals}), file=console.results)
     cleanup.finish()
     return EXIT_IO if batch.is_full else EXIT_DIFFERS if batch.failed else 0
@@ -151,7 +146,6 @@ class Batch:
     def _warm_up(self):
         """Compiles the kernels once, before many processes would all do it."""
         from ..batch.children import WARM_UP, Caps, Children
-        from ..precompile import ALL, first_run
 
         line = first_run(ALL)
         if line:
@@ -184,8 +178,7 @@ class Batch:
             return self._fail(asset, as_input_error(error, self.out / asset.out))
         self.totals.add(row)
         self._tell(row)
-        said = losses_in_words(row.get("named", {}))
-        self._show(asset, f"{row['stream']['bytes']} bytes, {facts['seconds']['total']:.2f} s{said}", False)
+        self._show(asset, f"{row['stream']['bytes']} bytes, {facts['seconds']['total']:.2f} s{losses_in_words(facts)}", False)
 
     def _kept(self, asset, folder, facts):
         """Puts the stream at its place, and then its line, which is returned."""
@@ -193,8 +186,7 @@ class Batch:
         home = os.path.dirname(names[0])  # the first is the asset itself, wherever it was read
         files = {Path(os.path.relpath(name, home)).as_posix() for name in names}
         row = {**self._row(asset), "files": {name: sha256_of(asset.path.parent / name) for name in sorted(files)},
-               "stream": {"bytes": stream.stat().st_size, "sha256": sha256_of(stream)}, "result": facts,
-               "named": losses_of(facts)}
+               "stream": {"bytes": stream.stat().st_size, "sha256": sha256_of(stream)}, "result": facts}
         target.parent.mkdir(parents=True, exist_ok=True)
         cleanup.rename_all([(stream, target)])
         self.results.append(row)

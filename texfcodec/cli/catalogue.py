@@ -14,7 +14,7 @@ import click
 from ..batch.folders import WORK
 from ..errors import InputError
 from ..io.formats import SUFFIXES
-from .passed_over import PassedOver, is_system_file, is_system_folder
+from .passed_over import SYSTEM_FOLDERS, PassedOver, is_system_file
 from .stream_names import given_names, short_name, with_own_names
 
 RESULTS = "results.jsonl"  # in the folder for results
@@ -63,9 +63,9 @@ def _of_folder(top, out, note, passed_over):
     for place, folders, names in os.walk(top, onerror=unreadable):
         for name in [name for name in folders if os.path.islink(os.path.join(place, name))]:
             note(f"{os.path.join(place, name)} is a link to a folder and is skipped")
-        for name in filter(is_system_folder, folders):
-            passed_over.add_folder((Path(place) / name).relative_to(top).as_posix())
-        folders[:] = sorted(name for name in folders if name != WORK and not is_system_folder(name)
+        for name in sorted(SYSTEM_FOLDERS.intersection(folders)):
+            passed_over.add((Path(place) / name).relative_to(top).as_posix() + "/", is_system=True)
+        folders[:] = sorted(name for name in folders if name not in {WORK, *SYSTEM_FOLDERS}
                             and (Path(place) / name).resolve() != out.resolve())
         for name in sorted(names):
             path = Path(place) / name
@@ -123,8 +123,8 @@ def words_of(options: dict[str, Any]) -> tuple[str, ...]:
     for name, value in options.items():
         _check(name.replace("-", "_") not in NOT_OF_AN_ASSET, f"{name} is not an option of an asset")
         values = value if isinstance(value, list) else [value]
-        _check(values and all(isinstance(one, str | int | float) for one in values),
-               f"the option {name} must be text, a number, true or false, or a list of these")
+        _check(isinstance(value, str | int | float) or (values and all(isinstance(one, str) for one in values)),
+               f"the option {name} must be text, a number, true or false, or a list of texts")
         flag = "--" + name.replace("_", "-")
         for one in values:
             words += [flag] if one is True else [] if one is False else [flag, str(one)]

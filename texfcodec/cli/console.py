@@ -1,4 +1,4 @@
-"""What the command lines share: exit codes, errors, progress, reading and writing streams, the limits as flags."""
+"""What the command lines share: exit codes, errors, progress, output and the facts that every report ends with."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import click
 from ..core import cleanup
 from ..core.json_text import json_text
 from ..errors import EXIT_INTERNAL, EXIT_INTERRUPTED, EXIT_IO, EXIT_LIMIT, EXIT_USAGE, InputError, LimitError, TexfError
+from ..precompile import first_run
 from . import interrupts
 
 if TYPE_CHECKING:
@@ -44,9 +45,9 @@ class Console:
         if not self.quiet:
             click.echo(printable(text), err=True)
 
-    def note_first_run(self, line: str | None) -> None:
-        """Says what first_run() of warmup.py gave, if anything."""
-        if line:
+    def note_first_run(self, seconds: int) -> None:
+        """Says that kernels are compiled first, if they are. seconds: ENCODING or DECODING of precompile.py."""
+        if line := first_run(seconds):
             self.note(line)
 
     def result(self, facts: dict, lines: Iterable[str]) -> None:

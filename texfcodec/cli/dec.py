@@ -5,8 +5,10 @@ from pathlib import Path
 
 import click
 
+from ..api import decode
 from ..io.formats import APPEARANCES, ATLAS_METHODS, COMPRESSIONS, SAVED_SUFFIXES, TEXTURE_FORMATS
 from ..options import DecodeOptions
+from ..precompile import DECODING
 from ..report import plural
 from .console import STYLE, check_output, run, run_facts, timing_line, write_output
 from .flags import file_names, limit_flags, limits_of, number, option_flags, report_flags
@@ -58,10 +60,8 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
-    from ..api import decode
     from ..batch.compile_beside import compile_beside
     from ..io.save import check_choices
-    from ..precompile import DECODING, first_run
     from ..sandbox.engines import takes_sandbox
 
     if out == "-":
@@ -83,7 +83,8 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
         check_choices("stream.glb" if out == "-" else out, **look, stream=b"" if carry_stream else None)
     data = read_stream(source, limits)
     sandboxed = takes_sandbox(options)
-    console.note_first_run(None if sandboxed else first_run(DECODING))
+    if not sandboxed:
+        console.note_first_run(DECODING)
     compile_beside(options.threads, *_stages(out, look["appearance"], sandboxed))
     with console.progress() as report:
         texf = decode(data, options, report)

@@ -5,17 +5,20 @@ from functools import partial
 import click
 from click_option_group import OptionGroup
 
+from ..api import encode_loaded, refuse_losses
 from ..codecs import codec_of
 from ..codecs.base import JointCodec
+from ..core.colour_error import in_decibels
 from ..errors import InputError
 from ..io.formats import SUFFIXES
 from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
+from ..precompile import ENCODING, warm_up
 from ..report import plural
 from .batch import batch_flags, batch_of, encode_batch
 from .console import SIGNS, STYLE, check_output, is_device, run, run_facts, timing_line, write_output
 from .effect_lines import decision_lines
 from .explain_lines import explain_flags, explain_lines, seconds_to_explain
-from .flags import file_names, limit_flags, limits_of, number, option_flags, report_flags
+from .flags import file_names, flag_of, limit_flags, limits_of, option_flags, report_flags
 from .inputs import load_mesh
 
 _NAMED = 3  # losses in the result line
@@ -33,8 +36,6 @@ COARSE = 3.5  # texels along a voxel edge from which on coarse voxels show; of 2
 
 def _warm_up(context, parameter, value):
     if value and not context.resilient_parsing:
-        from ..precompile import warm_up
-
         warm_up()
         click.echo("all kernels are compiled and cached")
         context.exit()
@@ -44,9 +45,7 @@ def _warm_up(context, parameter, value):
 @click.argument("source", metavar="INPUT", required=False, shell_complete=file_names)
 @click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
 @option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "target_psnr_of", "exact_rate",
-              "lossless", option=RATE.option)
-@RATE.option("--near-lossless", metavar="D",
-             **number(1, 127, "As --lossless, but with an error of at most D per value, 1..127."))
+              "lossless", "max_error", option=RATE.option)
 @option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "keep_mesh", "strict", option=KEPT.option)
 @option_flags(EncodeOptions, "effort", "refine", "threads", "no_check", "measure", option=EFFORT.option)
 @explain_flags(EFFORT.option)
@@ -99,7 +98,7 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
         console.stdout_is_taken()
     if not dry_run:
         _check_output(out, source)
-        _say_if_compiling(console)
+        console.note_first_run(ENCODING)
     with console.progress() as report:
         scene = _load(source, options, report)
         if not dry_run:
@@ -122,13 +121,14 @@ def _options(choices):
     if len(chosen) > 1:
         raise click.UsageError(f"{' and '.join(chosen)} cannot be combined")
     limits = limits_of(choices)
-    bounds = [name for name in ("lossless", "near_lossless") if name in choices]
+    bounds = [name for name in ("lossless", "max_error") if name in choices]
     others = [name for name in ("qp", "target_bytes", "target_psnr") if name in choices]
     if bounds and len(bounds + others) > 1:
-        raise InputError("TXF-I50", f"{' and '.join(map(_flag, bounds + others))} cannot be combined")
-    if "near_lossless" in choices:
-        choices["max_error"] = choices.pop("near_lossless")
-    choices["codec_options"] = _pairs(choices["codec_options"])
+        raise InputError("TXF-I50", f"{' and '.join(map(flag_of, bounds + others))} cannot be combined")
+    for word in choices["codec_options"]:
+        if "=" not in word:
+            raise click.UsageError(f"--codec-option takes NAME=VALUE, not {word!r}")
+    choices["codec_options"] = dict(word.split("=", 1) for word in choices["codec_options"])
     return EncodeOptions(**choices, limits=limits)
 
 
@@ -136,21 +136,7 @@ def _check_codec(choices):
     """Flags of the codec that was not chosen are a mistake, not to be passed over."""
     name = choices.get("codec", DEFAULT_CODEC)
     for option in sorted(strange_options(codec_of(name)) & choices.keys()):
-        raise click.UsageError(f"{_flag(option)} does not apply to --codec {name}")
-    if "near_lossless" in choices and "max_error" in strange_options(codec_of(name)):
-        raise click.UsageError(f"--near-lossless does not apply to --codec {name}")
-
-
-def _flag(name):
-    return "--" + name.replace("_", "-")
-
-
-def _pairs(given):
-    """{name: value} of NAME=VALUE words."""
-    for word in given:
-        if "=" not in word:
-            raise click.UsageError(f"--codec-option takes NAME=VALUE, not {word!r}")
-    return dict(word.split("=", 1) for word in given)
+        raise click.UsageError(f"{flag_of(option)} does not apply to --codec {name}")
 
 
 def _check_output(out, source):
@@ -159,15 +145,7 @@ def _check_output(out, source):
         raise click.UsageError(f"{out} must end in .texf")
 
 
-def _say_if_compiling(console):
-    from ..precompile import ENCODING, first_run
-
-    console.note_first_run(first_run(ENCODING))
-
-
 def _load(source, options, report):
-    from ..api import refuse_losses
-
     with report.stage("load"):
         scene = load_mesh(source, options.strict, options.limits)
     report.warnings += scene.warnings
@@ -179,7 +157,6 @@ def _load(source, options, report):
 
 def _encode(scene, options, report, out, explained=None):
     """Encodes, measures where asked, writes; returns what the stream is like. explained: as of seconds_to_explain."""
-    from ..api import encode_loaded
     from ..bitstream.inspect import inspect
 
     made = encode_loaded(scene, options, report)
@@ -319,8 +296,6 @@ def _size_lines(facts):
 
 def _check_lines(facts):
     """Yields the line that compares the stream with its source, with the losses of reading."""
-    from ..core.colour_error import in_decibels
-
     check, lost = facts["check"], _losses_in_words(facts)
     if check is None:
         yield from [f"not checked{lost}"] * bool(facts["dropped"])
@@ -339,8 +314,6 @@ def _check_lines(facts):
 
 def _as_read(decibels, facts):
     """Returns a PSNR in words: a match is "exact", or "as read" if reading lost something."""
-    from ..core.colour_error import in_decibels
-
     return "as read" if decibels is None and facts["dropped"] else in_decibels(decibels)
 
 
@@ -354,8 +327,6 @@ def _losses_in_words(facts):
 
 
 def _psnr_lines(facts):
-    from ..core.colour_error import in_decibels
-
     if facts["psnr_3d"]:
         shown = {name: in_decibels(value) for name, value in facts["psnr_3d"].items()}
         yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']}"

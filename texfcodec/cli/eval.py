@@ -4,9 +4,15 @@ from functools import partial
 
 import click
 
+from ..api import decode
+from ..core.colour_error import in_decibels
 from ..io.formats import SUFFIXES
+from ..metrics.perceptual import Lpips
+from ..options import DecodeOptions
+from ..precompile import ENCODING
+from ..scene.scene import Scene
 from .console import STYLE, run, run_facts, timing_line
-from .flags import file_names, limit_flags, limits_of, number, report_flags
+from .flags import file_names, limit_flags, limits_of, number, option_flags, report_flags
 from .inputs import check_stdin_once, load_mesh, open_asset, open_carried
 
 
@@ -23,10 +29,10 @@ from .inputs import check_stdin_once, load_mesh, open_asset, open_carried
 @click.option("--mipmaps", is_flag=True, help="Filter minified images and fields between two mip levels, as viewers do.")
 @click.option("--no-3d", is_flag=True, help="Leave out the metrics of surface points: 3D-PSNR, D1, D2, Hausdorff.")
 @limit_flags("texels", "image_pixels")
-@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Maximum threads; 0 for all processors.  [default: 0]"))
+@option_flags(DecodeOptions, "threads")
 @report_flags()
 @click.pass_obj
-def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps, no_3d, threads, as_json, quiet, **limits):
+def evaluate(console, source, other, weights, threads, as_json, quiet, **choices):
     """Compare DECODED, a .texf stream or a mesh (SUFFIXES), with its source mesh SOURCE. One of them may be "-": a stream or a
     mesh on stdin.
 
@@ -39,38 +45,18 @@ def evaluate(console, source, other, views, size, ssim, weights, shaded, mipmaps
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
-    from ..options import DecodeOptions
-    from ..precompile import ENCODING, first_run
-
-    options = DecodeOptions(threads=threads, limits=limits_of(limits))
+    options = DecodeOptions(threads=threads or 0, limits=limits_of(choices))
     check_stdin_once(source, other)
-    lpips = _load_lpips(weights)
-    console.note_first_run(first_run(ENCODING))
+    lpips = weights and Lpips(weights)  # first of all: it is quick to fail
+    console.note_first_run(ENCODING)
     with console.progress() as report:
         with report.stage("load"):
             scene = _named(load_mesh(source, limits=options.limits), source, report)
-        decoded = _open(other, options, report)
-        facts = _views(scene, decoded, (views, size, ssim, lpips), mipmaps, options.threads, report) | {"mipmaps": mipmaps}
-        facts["shaded"] = _shaded(scene, decoded, (views, size, options.threads, mipmaps), report) if shaded else None
-        facts["psnr_3d"] = None if no_3d else _psnr_3d(scene, decoded, options.threads, report)
-        facts["surface"] = None if no_3d else _surface(scene, decoded, options.threads, report)
+        facts = _measured(scene, _open(other, options, report), choices, lpips, options.threads, report)
     if not console.as_json:
         console.warnings(report)
     facts |= {name: value for name, value in run_facts(report).items() if name != "dropped"}
     console.result(facts, _lines(facts, other))
-
-
-def _load_lpips(weights):
-    """First of all: it is quick to fail."""
-    if weights is None:
-        return None
-    from ..metrics.perceptual import Lpips
-
-    return Lpips(weights)
-
-
-def _is_mesh(path):
-    return path.lower().endswith(SUFFIXES)
 
 
 def _named(scene, path, report):
@@ -80,58 +66,42 @@ def _named(scene, path, report):
 
 def _open(path, options, report):
     """Scene of a mesh, Texf of a stream."""
-    from ..api import decode
-
     texf = open_carried(path, options, report)
     if texf is not None:
         return texf
     with report.stage("load"):
-        asset = open_asset(path, not _is_mesh(path), options.limits)
+        asset = open_asset(path, not path.lower().endswith(SUFFIXES), options.limits)
     return decode(asset, options, report) if isinstance(asset, bytes) else _named(asset, path, report)
 
 
-def _views(scene, decoded, settings, mipmaps, threads, report):
-    from ..metrics.views import Look, compare_views
-
-    views, size, ssim, lpips = settings
-    with report.stage("views"):
-        return compare_views(scene, decoded, views, size, ssim, lpips, threads=threads, look=Look(mipmaps=mipmaps),
-                             on_view=lambda n, of: report.progress("views", n, of))
-
-
-def _shaded(scene, decoded, settings, report):
-    from ..metrics.shaded import compare_shaded
-
-    views, size, threads, mipmaps = settings
-    with report.stage("shaded"):
-        return compare_shaded(scene, decoded, views, size, threads, mipmaps,
-                              on_view=lambda n, of: report.progress("shaded", n, of))
-
-
-def _psnr_3d(scene, decoded, threads, report):
-    """At the same surface points of a stream and of a mesh: as many as a mesh can be searched for."""
-    from ..metrics.psnr_3d import measure, measure_or_warn
-    from ..metrics.views import NEAREST_SAMPLES, mesh_psnr_3d
-    from ..texf import Texf
-
-    with report.stage("psnr_3d"):
-        if not isinstance(decoded, Texf):
-            return measure_or_warn(lambda: mesh_psnr_3d(scene, decoded, NEAREST_SAMPLES, threads), report)
-        return measure_or_warn(lambda: measure(scene, decoded, NEAREST_SAMPLES, threads), report)
-
-
-def _surface(scene, decoded, threads, report):
+def _measured(scene, decoded, asked, lpips, threads, report):
+    """What the command reports beside time and warnings. asked: the values of the flags of measures."""
     from ..geometry.mesh import Mesh
+    from ..metrics.psnr_3d import measure, measure_or_warn
+    from ..metrics.shaded import compare_shaded
     from ..metrics.surface_distance import surface_distance
+    from ..metrics.views import NEAREST_SAMPLES, Look, compare_views, mesh_psnr_3d
 
-    with report.stage("surface"):
-        source, mesh = (Mesh(side.positions, side.faces) for side in (scene, decoded))
-        return surface_distance(source, mesh, threads=threads).report()
+    views, size, mipmaps, is_mesh = asked["views"], asked["size"], asked["mipmaps"], isinstance(decoded, Scene)
+    with report.stage("views"):
+        facts = compare_views(scene, decoded, views, size, asked["ssim"], lpips, threads=threads, look=Look(mipmaps=mipmaps),
+                              on_view=lambda n, of: report.progress("views", n, of))
+    facts |= {"mipmaps": mipmaps, "shaded": None, "psnr_3d": None, "surface": None}
+    if asked["shaded"]:
+        with report.stage("shaded"):
+            facts["shaded"] = compare_shaded(scene, decoded, views, size, threads, mipmaps,
+                                             on_view=lambda n, of: report.progress("shaded", n, of))
+    if not asked["no_3d"]:
+        at_points = mesh_psnr_3d if is_mesh else measure
+        with report.stage("psnr_3d"):  # as many points as a mesh can be searched for
+            facts["psnr_3d"] = measure_or_warn(lambda: at_points(scene, decoded, NEAREST_SAMPLES, threads), report)
+        with report.stage("surface"):
+            source, mesh = (Mesh(side.positions, side.faces) for side in (scene, decoded))
+            facts["surface"] = surface_distance(source, mesh, threads=threads).report()
+    return facts
 
 
 def _lines(facts, other):
-    from ..core.colour_error import in_decibels
-
     yield f"{other}: {facts['views']} views of {facts['size']} x {facts['size']}, {facts['pixels']} pixels compared"
     shown = {name: in_decibels(value, 3) for name, value in facts["psnr"].items()}
     yield f"PSNR: RGB {shown['rgb']}, Y {shown['y']}, U {shown['u']}, V {shown['v']}, YUV {shown['yuv']}"
@@ -151,8 +121,6 @@ def _lines(facts, other):
 
 
 def _outline_lines(facts):
-    from ..core.colour_error import in_decibels
-
     shown, outline = {name: in_decibels(value, 3) for name, value in facts["union_psnr"].items()}, facts["silhouette"]
     yield f"union PSNR, on white: RGB {shown['rgb']}, Y {shown['y']}, YUV {shown['yuv']}"
     yield (f"silhouettes: one side alone covers {outline['pixels']} pixels, {100 * outline['share']:.3f} % ({outline['lost']} "
@@ -160,8 +128,6 @@ def _outline_lines(facts):
 
 
 def _surface_lines(found):
-    from ..core.colour_error import in_decibels
-
     d1, d2 = (in_decibels(found[name]["psnr"], 3) for name in ("d1", "d2"))
     away = found["hausdorff"]
     yield f"D1 {d1}, D2 {d2}; 10 log10(3 peak^2 / error), where peak is the longest side, {found['peak']:.6g}"
@@ -169,8 +135,6 @@ def _surface_lines(found):
 
 
 def _shaded_lines(found):
-    from ..core.colour_error import in_decibels
-
     shown, union = ({name: in_decibels(value, 3) for name, value in found[kind].items()} for kind in ("psnr", "union_psnr"))
     yield f"shaded PSNR: RGB {shown['rgb']}, Y {shown['y']}, YUV {shown['yuv']}"
     yield f"shaded union PSNR, on white: RGB {union['rgb']}, Y {union['y']}, YUV {union['yuv']}"

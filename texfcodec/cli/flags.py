@@ -14,6 +14,7 @@ from ..options import DEFAULT_CODEC, FINEST_POSITIONS, words_of
 
 MOST_PIXELS = 8192  # a side of a picture
 FIBONACCI = 16  # views of the image metric
+_OTHER_FLAGS = {"max_error": "--near-lossless", "batch_out": "--out"}
 _LIMIT_DIGITS = 18
 _LIMIT_TEXT = {
     "file_bytes": "of the stream",
@@ -28,6 +29,11 @@ _LIMIT_TEXT = {
     "isolate_bytes": "memory of --isolate",
     "isolate_seconds": "time of --isolate",
 }
+
+
+def flag_of(name: str) -> str:
+    """The flag of a field of options or of a parameter."""
+    return _OTHER_FLAGS.get(name, "--" + name.replace("_", "-"))
 
 
 def number(low: float, high: float, text: str = "") -> dict[str, Any]:
@@ -55,7 +61,7 @@ def option_flags(kind: type, *names: str, option: Callable = click.option) -> Ca
 
     def decorate(function):
         for name in reversed(names):
-            function = option("--" + name.replace("_", "-"), name, **_keywords(table[name]))(function)
+            function = option(flag_of(name), name, **_keywords(table[name]))(function)
         return function
 
     return decorate
@@ -112,7 +118,7 @@ def limit_flags(*names: str, option: Callable = click.option) -> Callable[[Calla
 
 def limits_of(choices: dict) -> Limits:
     """Takes the values of limit_flags out of the dict of choices and makes Limits of them."""
-    old = {name[4:]: choices.pop(name) for name in list(choices) if name.startswith("max_")}
+    old = {name: choices.pop(f"max_{name}") for name in Limits.__dataclass_fields__ if f"max_{name}" in choices}
     pairs = (word.split("=") for word in choices.pop("limit"))
     new = {name.replace("-", "_"): int(count) for name, count in pairs}
     return Limits(**{name: count for name, count in old.items() if count is not None} | new)

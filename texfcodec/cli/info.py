@@ -5,12 +5,15 @@ from functools import partial
 
 import click
 
+from ..api import decode
+from ..bitstream.inspect import inspect
 from ..bitstream.syntax import SUPPORT_TEXELS
 from ..codecs import codec_of
 from ..core.json_text import json_text
 from ..errors import LimitError
 from ..limits import LEVELS, UNLIMITED, Limits
-from ..report import plural
+from ..options import DecodeOptions
+from ..report import Report, plural
 from ..scene.normal_rule import rule_of
 from ..scene.scene import WRAP_NAMES
 from .console import STYLE, run
@@ -33,8 +36,6 @@ def info(console, file, as_json, quiet, effects, verify, **choices):
     Exit codes: 0 valid, 1 command line, 2 input or output, 3 invalid stream, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
-    from ..bitstream.inspect import inspect
-
     limits = limits_of(choices)
     data = read_stream(file, limits)
     facts = inspect(data, limits)
@@ -47,9 +48,6 @@ def info(console, file, as_json, quiet, effects, verify, **choices):
 
 def _verify(data, facts, limits):
     """Decodes everything within the bounds of the lowest level that holds it, and within limits; level None: above all levels."""
-    from ..api import decode
-    from ..options import DecodeOptions
-
     levels = [level for level in LEVELS if level >= (facts["level"] or max(LEVELS))]
     for level in [*levels, None]:
         try:
@@ -71,8 +69,6 @@ def _effect_facts(data, facts, limits):
     """What channels and effects take: {"channels": one entry for each attribute unit, "drawing": of metrics.effect_times}."""
     from ..decoder import decode_stream
     from ..metrics.effect_times import effect_times
-    from ..options import DecodeOptions
-    from ..report import Report
 
     report, options = Report(), DecodeOptions(limits=limits)
     texf = decode_stream(data, options, report)

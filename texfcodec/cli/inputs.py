@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from typing import TYPE_CHECKING
 
 import click
 
+from ..api import decode
 from ..bitstream.file import read_stream_file
 from ..errors import InputError, SupportError, TexfError
 from ..limits import Limits
-from ..report import plural
+from ..options import DecodeOptions
+from ..report import Report, plural
 
 if TYPE_CHECKING:
-    from ..options import DecodeOptions
-    from ..report import Report
     from ..scene.scene import Scene
     from ..texf import Texf
     from .console import Console
@@ -91,44 +90,38 @@ def carried_stream(path: str, limits: Limits) -> bytes | None:
 def open_carried(path: str, options: DecodeOptions, report: Report) -> Texf | None:
     """The Texf of the stream that a GLB carries; None for any other path, and for a stream that cannot be decoded, of which
     load_mesh() says why. report: times, warnings, and a remark that this is not the mesh beside it."""
-    from ..api import decode
-    from ..report import Report
-
-    within, data = Report(), carried_stream(path, options.limits)  # its stages are parts of the other's
-    if data is None:
-        return None
+    data = carried_stream(path, options.limits)
     try:
-        with report.stage("decode"):
-            texf = decode(data, options, within)
+        texf = None if data is None else _decoded(data, options, report)
     except TexfError:
         return None
-    report.warnings += within.warnings
-    report.remarks.append(CARRIED.format(path))
+    report.remarks += [CARRIED.format(path)] * (texf is not None)
     return texf
 
 
-def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Report) -> tuple[Scene | Texf, int]:
-    """What is to be drawn, a Texf of a stream or a Scene of a mesh, and how many bytes it was read from. inputs: gets the names
-    of the files that were read; report: times, warnings, and what of a mesh is not read."""
-    from ..api import decode
-    from ..report import Report
+def _decoded(data, options, report):
+    within = Report()  # its stages are parts of this one
+    with report.stage("decode"):
+        texf = decode(data, options, within)
+    report.warnings += within.warnings
+    return texf
 
+
+def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Report) -> Scene | Texf:
+    """What is to be drawn, a Texf of a stream or a Scene of a mesh. inputs: gets the names of the files that were read; report:
+    times, warnings, and what of a mesh is not read."""
     texf = open_carried(path, options, report)
     if texf is not None:
         inputs.append(path)
-        return texf, os.path.getsize(path)
+        return texf
     with report.stage("load"):
         asset = open_asset(path, path.lower().endswith(".texf"), options.limits)
     inputs += files_of(path, None if isinstance(asset, bytes) else asset)
     if isinstance(asset, bytes):
-        within = Report()  # its stages are parts of this one
-        with report.stage("decode"):
-            texf = decode(asset, options, within)
-        report.warnings += within.warnings
-        return texf, len(asset)
+        return _decoded(asset, options, report)
     report.warnings += asset.warnings
     report.dropped += asset.dropped
-    return asset, sum(asset.files.values())
+    return asset
 
 
 def checked_stream(data: bytes, limits: Limits) -> list[str]:
@@ -137,8 +130,6 @@ def checked_stream(data: bytes, limits: Limits) -> list[str]:
     from ..bitstream.stream import read_stream
     from ..codecs.base import PRIVATE_IDS
     from ..decoder import appearance_of
-    from ..options import DecodeOptions
-    from ..report import Report
 
     report, stream = Report(), read_stream(data, limits)
     appearance_of(stream, DecodeOptions(limits=limits), report)

@@ -5,9 +5,11 @@ from pathlib import Path
 
 import click
 
+from ..core.colour_error import in_decibels
 from ..options import DecodeOptions, default_threads
+from ..precompile import DECODING
 from .console import STYLE, check_output, run, run_facts, timing_line, write_output
-from .flags import direction_of, file_names, limit_flags, limits_of, number, report_flags, size_of
+from .flags import direction_of, file_names, limit_flags, limits_of, number, option_flags, report_flags, size_of
 from .inputs import check_stdin_once, load_asset, say_losses
 
 WHITE = (255, 255, 255)
@@ -51,7 +53,7 @@ def _background_of(context, parameter, value):
 @click.option("--compare", metavar="OTHER", shell_complete=file_names,
               help="Draw a second stream or mesh beside the first, and a heat map of their difference.")
 @limit_flags("texels", "image_pixels")
-@click.option("--threads", metavar="N", default=0, **number(0, 1024, "Maximum threads; 0 for all processors.  [default: 0]"))
+@option_flags(DecodeOptions, "threads")
 @report_flags()
 @click.pass_obj
 def render(console, source, out, compare, as_json, quiet, **choices):
@@ -65,8 +67,6 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
-    from ..precompile import DECODING, first_run
-
     check_stdin_once(source, compare)
     if out == "-":
         console.stdout_is_taken()
@@ -75,7 +75,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
     inputs = [name for name in (source, compare) if name is not None]
     check_output(out, inputs)
     choices |= {"threads": choices["threads"] or default_threads(), "limits": limits_of(choices)}
-    console.note_first_run(first_run(DECODING))
+    console.note_first_run(DECODING)
     from ..render.thumbnail import to_png
 
     with console.progress() as report:
@@ -91,7 +91,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
 def _pictures(source, compare, choices, inputs, report):
     """(Picture of the source, what compare() found or None, image to write); adds the files that were read to inputs."""
     options = DecodeOptions(threads=choices["threads"], limits=choices["limits"])
-    first = load_asset(source, options, inputs, report)[0]
+    first = load_asset(source, options, inputs, report)
     camera, measured = _camera(first, choices), bool(choices["shaded"])
     if choices["shaded"] is None:
         from ..render.backdrop import is_plain
@@ -102,7 +102,7 @@ def _pictures(source, compare, choices, inputs, report):
         report.warnings.append("the view shows no surface: the picture is empty")
     if compare is None:
         return picture, None, _image(picture, choices)
-    second = load_asset(compare, options, inputs, report)[0]
+    second = load_asset(compare, options, inputs, report)
     shown, unlit = [picture, _draw(second, camera, choices, report)], choices | {"shaded": measured}
     compared = shown if measured == choices["shaded"] else [_draw(asset, camera, unlit, report) for asset in (first, second)]
     return picture, *_compared([(first, source), (second, compare)], shown, compared, choices, report)
@@ -159,8 +159,6 @@ def _facts(image, picture, choices, compared, report):
 
 
 def _lines(facts, out):
-    from ..core.colour_error import in_decibels
-
     share = 100 * facts["covered"] / facts["pixels"]
     lit = ", with lighting" if facts["shaded"] else ""
     yield f"{out}: {facts['width']} x {facts['height']} pixels, {share:.1f} % of the view covered{lit}"

@@ -1,4 +1,4 @@
-"""What a batch comes to: bytes in and out, median and worst PSNR, assets with warnings and losses; and what an asset lost."""
+"""What a batch comes to: bytes in and out, median and worst PSNR, assets with warnings and losses."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from statistics import median
 from typing import Any
 
 from ..core.colour_error import in_decibels
+from ..report import plural
 
 MEASURES = {"y": "Y", "rgb": "RGB"}  # of an asset's check, and what they are called
 
@@ -69,24 +70,12 @@ class Totals:
                 of = self._of_psnr(found)
                 middle, worst = (self._in_words(of[which]) for which in ("median", "worst"))
                 yield f"PSNR {MEASURES[name]}: median {middle}, worst {worst} ({of['worst_asset']}){read}"
-        yield f"{_assets(self.warned)} with warnings, {_assets(self.lossy)} with losses"
+        warned, lossy = (plural(count, "asset", "assets") for count in (self.warned, self.lossy))
+        yield f"{warned} with warnings, {lossy} with losses"
 
 
-def _assets(count):
-    return f"{count} asset{'s' * (count != 1)}"
-
-
-def losses_of(result: dict[str, Any]) -> dict[str, Any]:
-    """What the line of an asset says of its losses: {"losses": {"count", "first"}, "warnings": the same}, without what there is
-    none of."""
-    found = {"losses": result.get("dropped") or [], "warnings": result.get("warnings") or []}
-    return {name: {"count": len(texts), "first": texts[0]} for name, texts in found.items() if texts}
-
-
-def losses_in_words(named: dict[str, Any]) -> str:
-    """losses_of() for people: "; 2 losses, the first: animation 'walk'"."""
-    parts = []
-    for name, of in named.items():
-        word = name if of["count"] != 1 else {"losses": "loss", "warnings": "warning"}[name]
-        parts.append(f"; {of['count']} {word}{', the first' * (of['count'] > 1)}: {of['first']}")
-    return "".join(parts)
+def losses_in_words(result: dict[str, Any]) -> str:
+    """Losses and warnings of an asset, for people: "; 2 losses, the first: animation 'walk'"."""
+    told = (result.get("dropped"), "loss", "losses"), (result.get("warnings"), "warning", "warnings")
+    return "".join(f"; {plural(len(texts), one, many)}{', the first' * (len(texts) > 1)}: {texts[0]}"
+                   for texts, one, many in told if texts)

@@ -6,6 +6,7 @@ import click
 
 from ..errors import EXIT_DIFFERS, EXIT_LIMIT, EXIT_OK, EXIT_STREAM, EXIT_SUPPORT
 from ..options import DecodeOptions
+from ..precompile import DECODING
 from .console import STYLE, run
 from .flags import file_names, limit_flags, limits_of, option_flags, report_flags
 from .inputs import read_stream
@@ -32,14 +33,13 @@ def validate(console, file, strict, as_json, quiet, **choices):
     Exit codes, by the worst finding: 0 valid, 3 invalid, 5 not supported, 6 limit exceeded, 7 valid with warnings (--strict); 1
     command line, 2 input or output, 4 internal, 130 interrupted.
     """
-    from ..precompile import DECODING, first_run
     from ..validate.sandboxed import validate_isolated
     from ..validate.validate import validate as validated
 
     limits, isolate = limits_of(choices), choices.pop("isolate")
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
     data = read_stream(file, limits)
-    console.note_first_run(first_run(DECODING))
+    console.note_first_run(DECODING)
     with console.progress() as report:
         outcome = (validate_isolated if isolate else validated)(data, limits, options.threads, report)
     if not console.as_json:

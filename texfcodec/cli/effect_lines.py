@@ -1,10 +1,19 @@
-"""Lines about channels and effects: what was decided, why, and what it costs; shared by texf-enc and texf-info."""
+"""What a stream holds, in words, for texf-enc and texf-info: counts, and channels with what was decided, why, and what it costs."""
 
 from collections.abc import Iterator
 
 from ..core.colour_error import in_decibels
+from ..report import plural
 
 DECISIONS = ("coded", "constant", "absent")
+
+
+def counted(facts: dict) -> tuple[str, str]:
+    """("9 voxels, 7 texels", "2.500 attribute bits per voxel or texel") of a report's facts; the second is "" without values."""
+    places = [name for name in ("voxels", "texels") if facts[name]]
+    total, nouns = sum(facts[name] for name in places), " or ".join(name.removesuffix("s") for name in places)
+    counts = ", ".join(plural(facts[name], name.removesuffix("s"), name) for name in places or ["voxels"])
+    return counts, f"{8 * facts['bytes']['attributes'] / total:.3f} attribute bits per {nouns}" if total else ""
 
 
 def decision_lines(told: list[dict], channels: list[dict]) -> Iterator[str]:

@@ -16,7 +16,7 @@ from ..precompile import ENCODING, warm_up
 from ..report import plural
 from .batch import batch_flags, batch_of, encode_batch
 from .console import SIGNS, STYLE, check_output, is_device, run, run_facts, timing_line, write_output
-from .effect_lines import decision_lines
+from .effect_lines import counted, decision_lines
 from .explain_lines import explain_flags, explain_lines, seconds_to_explain
 from .flags import file_names, flag_of, limit_flags, limits_of, option_flags, report_flags
 from .inputs import load_mesh
@@ -219,7 +219,9 @@ def _lines(facts, out):
     fields = plural(facts["fields"], "field", "fields")
     bound = "lossless" if facts["max_error"] == 0 else f"maximum error {facts['max_error']}"
     quality = bound if facts["max_error"] is not None else codec.name if facts["qp"] is None else f"QP {facts['qp']}"
-    yield f"{_grid(facts['resolution'])}{quality}, {fields}, {_counted(facts)}"
+    counts, bits = counted(facts)
+    faces = plural(facts["faces"], "face", "faces")
+    yield f"{_grid(facts['resolution'])}{quality}, {fields}, {counts}, {faces}" + (f"; {bits}" if bits else "")
     yield from _support_lines(facts["supports"])
     yield from _mesh_lines(facts["mesh"])
     yield from decision_lines(facts["effects"], facts["channels"])
@@ -239,15 +241,6 @@ def _lines(facts, out):
 def _grid(resolution):
     """K, where anything is over voxels."""
     return "texels, " if resolution is None else f"K {resolution}, "
-
-
-def _counted(facts):
-    """Voxels, texels and faces, and what a value takes."""
-    places = [name for name in ("voxels", "texels") if facts[name]] or ["voxels"]
-    counts = [plural(facts[name], name.removesuffix("s"), name) for name in (*places, "faces")]
-    one = " or ".join(name.removesuffix("s") for name in places)
-    bits = 8 * facts["bytes"]["attributes"] / max(sum(facts[name] for name in places), 1)
-    return f"{', '.join(counts)}; {bits:.3f} attribute bits per {one}"
 
 
 def _normal_lines(told):

@@ -17,6 +17,7 @@ from ..report import Report, plural
 from ..scene.normal_rule import rule_of
 from ..scene.scene import WRAP_NAMES
 from .console import STYLE, run
+from .effect_lines import counted
 from .flags import file_names, limit_flags, limits_of, report_flags
 from .inputs import read_stream
 
@@ -93,14 +94,11 @@ def _effect_lines(facts):
 
 
 def _lines(file, facts):
-    sizes, places = facts["bytes"], [name for name in ("voxels", "texels") if facts[name]]
-    total, one = sum(facts[name] for name in places), " or ".join(name.removesuffix("s") for name in places)
-    bits = f", {8 * sizes['attributes'] / total:.3f} attribute bits per {one}" if total else ""
-    counted = ", ".join(plural(facts[name], name.removesuffix("s"), name) for name in places or ["voxels"])
+    sizes, (counts, bits) = facts["bytes"], counted(facts)
     kinds = ", ".join(f"{kind} {sizes[kind]}" for kind in ("geometry", "attributes", "other"))
     yield f"{file}: {sizes['total']} bytes; {kinds}"
     mesh = plural(facts["vertices"], "vertex", "vertices") + ", " + plural(facts["faces"], "face", "faces")
-    yield f"{mesh}, {counted}, {facts['position_bits']} bits{bits}"
+    yield ", ".join(filter(None, (mesh, counts, f"{facts['position_bits']} bits", bits)))
     yield _level_in_words(facts)
     for field in facts["fields"]:
         yield f"field {field['field_index']}: {_field_in_words(field)}"

@@ -1,4 +1,4 @@
-"""What a stream holds, in words, for texf-enc and texf-info: counts, and channels with what was decided, why, and what it costs."""
+"""Counts in a stream, and its channels with what was decided, why, and what it cost, in words; for texf-enc and texf-info."""
 
 from collections.abc import Iterator
 

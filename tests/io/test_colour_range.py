@@ -74,7 +74,6 @@ def test_colours_of_a_gltf_above_1_are_clipped_with_a_remark(tmp_path):
             "property float {name}red\nproperty float {name}green\nproperty float {name}blue\n"
             "element face 1\nproperty list uchar int vertex_indices\n"
             "end_header\n0 0 0 {0} 0.5 0\n1 0 0 0 {1} 0\n1 1 0 0 0 1\n3 0 1 2\n"),
-    ("off", "COFF\n3 1 0\n0 0 0 {0} 0.5 0 1\n1 0 0 0 {1} 0 1\n1 1 0 0 0 1 1\n3 0 1 2\n"),
 ])
 @pytest.mark.parametrize("name", ["", "diffuse_", "vertex_"])
 def test_a_vertex_colour_above_1_changes_no_other(tmp_path, suffix, text, name):

@@ -14,7 +14,7 @@ from mesh_files import COMPONENTS, RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, en
 from PIL import Image
 
 from texfcodec.errors import InputError, LimitError, TexfError
-from texfcodec.io.load import load, load_any
+from texfcodec.io.load import load
 from texfcodec.scene.channels import MAPS
 from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
 
@@ -599,7 +599,8 @@ def test_flipped_bytes_end_in_a_scene_or_a_coded_error(tmp_path):
 
 
 def test_trimesh_objects(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
+    import trimesh
+
     flipped = SQUARE_UV * [1, -1] + [0, 1]
     material = trimesh.visual.material.PBRMaterial(baseColorTexture=Image.fromarray(RED_BLUE), name="m", alphaMode="BLEND",
                                                    baseColorFactor=[255, 51, 0, 255])
@@ -611,7 +612,7 @@ def test_trimesh_objects(tmp_path):
     painted = trimesh.Trimesh(SQUARE, TWO, process=False, vertex_colors=[[188, 0, 255, 255]] * 4)
     both = trimesh.Scene([mesh])
     both.add_geometry(painted, transform=np.diag([-1, 1, 1, 1.0]))
-    scene = load_any(both)
+    scene = load(both)
     assert len(scene.faces) == 4 and scene.faces[2].tolist() == [4, 6, 5] and scene.positions[:, 0].min() == -1
     np.testing.assert_allclose(scene.corner_color[2, 0], [0.5029, 0, 1, 1], atol=1e-4)
     assert (scene.corner_color[0] == 1).all() and len(scene.metadata["meshes"]) == 2

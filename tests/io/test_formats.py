@@ -9,6 +9,7 @@ import tomllib
 import numpy as np
 import pytest
 import trimesh
+from format_files import FACES, ascii_ply
 from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, encoded, load_bytes, refusal, textured
 
 from texfcodec.io.formats import FORMATS, SUFFIXES, format_of
@@ -17,8 +18,7 @@ from texfcodec.io.placing import Placing
 
 OBJ = "mtllib m.mtl\nusemtl paint\nv 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nf 1/1 2/2 3/3\n"
 MTL = "newmtl paint\nKd 0.5 0.25 1\nmap_Kd é.png\n"
-PLY = ("ply\nformat ascii 1.0\ncomment größe\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-       "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n")
+PLY = ascii_ply(FACES, "3 0 1 2", head="comment größe\n")
 
 
 # The table.
@@ -156,26 +156,9 @@ def test_what_trimesh_writes_is_read(tmp_path, suffix, packages):
 # Alpha where the format has no modes
 
 
-COLOURED_PLY = """ply
-format ascii 1.0
-element vertex 3
-property float x
-property float y
-property float z
-property uchar red
-property uchar green
-property uchar blue
-property uchar alpha
-element face 1
-property list uchar int vertex_indices
-end_header
-0 0 0 10 20 30 {alpha}
-1 0 0 10 20 30 255
-0 1 0 10 20 30 255
-3 0 1 2
-"""
-
 def test_alpha_that_nothing_asks_for_is_named(tmp_path):
     for alpha, named in ((128, 1), (255, 0)):
-        scene = load_bytes(tmp_path, COLOURED_PLY.format(alpha=alpha), f"a{alpha}.ply")
+        rows = [f"{x} {y} 0 10 20 30 {alpha}" for x, y in ((0, 0), (1, 0), (0, 1))]
+        more = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue", "alpha"))
+        scene = load_bytes(tmp_path, ascii_ply(FACES, "3 0 1 2", rows, more), "a.ply")
         assert sum("alpha" in name for name in scene.dropped) == named

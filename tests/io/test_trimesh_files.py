@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from damage import with_a_bit_flipped
 from format_files import FACETS, stl, stl_text
-from mesh_files import SQUARE, TWO, load_bytes, outcome, refusal
+from mesh_files import SQUARE, TWO, facing, load_bytes, outcome, refusal
 from threemf_files import mesh, model, package
 
 from texfcodec.errors import LimitError, SupportError, TexfError
@@ -33,6 +33,8 @@ SUPPORT = model(mesh() + mesh(key="2").replace('type="model"', 'type="support" n
     ("a.stl", stl_text().upper().replace("E+", "e+"), FACETS, []), ("a.stl", stl_text().replace("\n", "\r\n"), FACETS, []),
     ("a.stl", stl_text().replace("\n", "\r"), FACETS, []), ("a.stl", stl() + b"more", FACETS, []),
     ("a.stl", stl(MINUS_ZERO), FACETS, []), ("a.stl", stl(FACETS * np.float32(1e-9)), FACETS * np.float32(1e-9), []),
+    ("a.stl", stl_text(name="größe").encode("latin-1"), FACETS, []),
+    ("a.off", f"OFF # größe\n4 2 0\n{POINTS}3 0 1 2\n3 0 2 3\n".encode("latin-1"), FACETS, []),
     ("a.stl", TWO_SOLIDS, np.concatenate([FACETS, FACETS + 5]), []),
     ("a.stl", stl(attributes=(7, 0)), FACETS, ["attribute bytes of facets"]),
     ("a.off", f"OFF\n4 2 0\n{POINTS}3 0 1 2\n3 0 2 3\n", FACETS, []), ("a.off", f"OFF 4 1 0\n{POINTS}4 0 1 2 3\n", QUAD, []),
@@ -86,8 +88,7 @@ def test_items_and_components_place_and_mirror(tmp_path):
     scene = load_bytes(tmp_path, PLACED, "a.3mf", strict=True)
     turned = np.stack([-2 * SQUARE[:, 1], 2 * (SQUARE[:, 0] + 10), SQUARE[:, 2] + 5], axis=1)
     np.testing.assert_allclose(scene.positions[:4], 0.0254 * turned[:, [0, 2, 1]] * [1, 1, -1], atol=1e-9)
-    normals = np.cross(*(scene.positions[scene.faces[:, k]] - scene.positions[scene.faces[:, 0]] for k in (1, 2)))
-    assert len(scene.faces) == 4 and (normals[:, 1] > 0).all()
+    assert len(scene.faces) == 4 and (facing(scene)[:, 1] > 0).all()
 
 
 @pytest.mark.parametrize("name, data, code", [
@@ -100,7 +101,8 @@ def test_items_and_components_place_and_mirror(tmp_path):
         (stl_text().replace("vertex 1.0 1.0", "vertex 1.0"), "TXF-I23"), ("endsolid solid", "TXF-I23"),
         (b"solid \xff\xfe" + bytes(range(256)) * 4, "TXF-I23"), (bytes(84), "TXF-I15"))),
     *(("a.off", text, code) for text, code in (
-        ("OFF\n", "TXF-I23"), ("OFF\n4\n", "TXF-I23"), (f"OFF\n4 3 0\n{POINTS}3 0 1 2\n", "TXF-I23"),
+        (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 \xff\n", "TXF-I23"), ("OFF\n", "TXF-I23"),
+        ("OFF\n4\n", "TXF-I23"), (f"OFF\n4 3 0\n{POINTS}3 0 1 2\n", "TXF-I23"),
         (f"OFF\n4000000000000 1 0\n{POINTS}3 0 1 2\n", "TXF-I23"), (f"OFF\n-4 1 0\n{POINTS}3 0 1 2\n", "TXF-I23"),
         (f"OFF\nnan 1 0\n{POINTS}3 0 1 2\n", "TXF-I23"), (f"OFF\n4 1 0\n{POINTS}3 0 1\n", "TXF-I23"),
         (f"OFF\n4 1 0\n{POINTS}-3 0 1 2\n", "TXF-I23"), (f"OFF\n4 1 0\n{POINTS}3 0 1 9\n", "TXF-I23"),

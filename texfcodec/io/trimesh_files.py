@@ -17,6 +17,7 @@ import numpy as np
 from ..errors import InputError, LimitError, SupportError, TexfError
 from ..report import plural
 from ..scene.scene import Scene
+from .mtl import decode_text
 from .parts import Notes, check_face_count, no_triangles
 from .placing import placing_of
 from .polygons import parse_numbers
@@ -90,11 +91,11 @@ def _whole_binary(data, notes):
 
 
 def _whole_text(data):
-    """(text with line ends that trimesh knows, number of facets)."""
+    """(text in UTF-8 with line ends that trimesh knows, number of facets)."""
     facets = len(re.findall(rb"endfacet", data, re.IGNORECASE))
     if not re.search(rb"endsolid", data, re.IGNORECASE):
         raise _malformed("TXF-I23", "it ends before its endsolid")
-    return re.sub(rb"\r\n?", b"\n", data), facets
+    return re.sub("\r\n?", "\n", decode_text(data)).encode(), facets
 
 
 def _weld(mesh):
@@ -127,7 +128,7 @@ def _paint(mesh, header, notes):
 
 def read_off(data: bytes, folder: Path, notes: Notes) -> Scene:
     """bytes of an .off file -> Scene. folder: not needed, an OFF names no file. Errors: TXF-I23."""
-    text = re.sub(rb"#[^\r\n]*", b"", data)
+    text = re.sub(rb"#[^\r\n]*", b"", decode_text(data).encode())
     header = _OFF_HEADER.match(text)
     uv, color, normal, four, many = (bool(mark) for mark in header.groups()) if header else (False,) * 5
     if four or many or b"BINARY" in text[:40].upper():

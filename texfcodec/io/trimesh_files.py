@@ -38,11 +38,11 @@ _REMARKS = {
 }
 
 
-def _malformed(code, what, **details):
-    return InputError(code, f"the {'3MF' if code == 'TXF-I24' else 'STL or OFF'} file is malformed: {what}", **details)
+def _malformed(kind, what, **details):
+    return InputError("TXF-I24" if kind == "3mf" else "TXF-I23", f"the {kind.upper()} file is malformed: {what}", **details)
 
 
-def _parsed(data, suffix, code, notes):
+def _parsed(data, suffix, notes):
     """The trimesh.Scene of bytes as they stand. What trimesh raises, of whatever type, is a malformed file."""
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else Python prints its warnings with their tracebacks
     try:
@@ -55,7 +55,7 @@ def _parsed(data, suffix, code, notes):
     except MemoryError:
         raise
     except Exception as error:
-        raise _malformed(code, "trimesh cannot read it", reason=f"{type(error).__name__}: {error}"[:200]) from error
+        raise _malformed(suffix, "trimesh cannot read it", reason=f"{type(error).__name__}: {error}"[:200]) from error
     notes.remark(_REMARKS[suffix])
     return scene
 
@@ -66,9 +66,9 @@ def read_stl(data: bytes, folder: Path, notes: Notes) -> Scene:
     counted = _START + _FACET * int.from_bytes(data[80:_START], "little")
     is_binary = len(data) == counted or data[:512].lstrip()[:5].lower() != b"solid"
     data, facets = _whole_binary(data, notes) if is_binary else _whole_text(data)
-    solids = _parsed(data, "stl", "TXF-I23", notes)
+    solids = _parsed(data, "stl", notes)
     if sum(len(mesh.faces) for mesh in solids.geometry.values()) != facets:
-        raise _malformed("TXF-I23", "a facet does not have three vertices of three numbers", allowed=facets)
+        raise _malformed("stl", "a facet does not have three vertices of three numbers", allowed=facets)
     for mesh in solids.geometry.values():
         _weld(mesh)
         if is_binary:
@@ -84,7 +84,7 @@ def _whole_binary(data, notes):
     facets = int.from_bytes(data[80:_START], "little")
     needed = _START + _FACET * facets
     if len(data) < needed:
-        raise _malformed("TXF-I23", "it ends before its last facet", value=len(data), allowed=needed)
+        raise _malformed("stl", "it ends before its last facet", value=len(data), allowed=needed)
     if len(data) > needed:
         notes.remark(plural(len(data) - needed, "byte", "bytes") + " after the last facet, ignored")
     return data[:needed], facets
@@ -94,7 +94,7 @@ def _whole_text(data):
     """(text in UTF-8 with line ends that trimesh knows, number of facets)."""
     facets = len(re.findall(rb"endfacet", data, re.IGNORECASE))
     if not re.search(rb"endsolid", data, re.IGNORECASE):
-        raise _malformed("TXF-I23", "it ends before its endsolid")
+        raise _malformed("stl", "it ends before its endsolid")
     return re.sub("\r\n?", "\n", decode_text(data)).encode(), facets
 
 
@@ -132,14 +132,14 @@ def read_off(data: bytes, folder: Path, notes: Notes) -> Scene:
     header = _OFF_HEADER.match(text)
     uv, color, normal, four, many = (bool(mark) for mark in header.groups()) if header else (False,) * 5
     if four or many or b"BINARY" in text[:40].upper():
-        raise _malformed("TXF-I23", "only text with three coordinates is supported")
+        raise _malformed("off", "only text with three coordinates is supported")
     lines = [line for line in text[header.end() if header else 0 :].splitlines() if line.strip()]
     counts = parse_numbers(lines[0], np.float64) if lines else None
     if counts is None or len(counts) < 2 or not (np.isfinite(counts).all() and (counts == np.floor(counts)).all()):
-        raise _malformed("TXF-I23", "the line of counts is missing")
+        raise _malformed("off", "the line of counts is missing")
     vertices, faces = int(counts[0]), int(counts[1])
     if vertices < 0 or faces < 0 or 1 + vertices + faces > len(lines):
-        raise _malformed("TXF-I23", "it has fewer lines than its counts", value=len(lines), allowed=1 + vertices + faces)
+        raise _malformed("off", "it has fewer lines than its counts", value=len(lines), allowed=1 + vertices + faces)
     if not vertices or not faces:
         raise no_triangles((plural(vertices, "point", "points") + " without faces") * bool(vertices))
     columns = max(len(line.split()) for line in lines[1 : 1 + vertices])
@@ -147,14 +147,14 @@ def read_off(data: bytes, folder: Path, notes: Notes) -> Scene:
         notes.drop("colours of vertices" if color else "numbers after the positions of vertices")
     _check_polygons([line.split() for line in lines[1 + vertices : 1 + vertices + faces]], notes)
     body = b"\n".join([b"OFF", b"%d %d 0" % (vertices, faces), *lines[1 : 1 + vertices + faces]])
-    return read_trimesh(next(iter(_parsed(body, "off", "TXF-I23", notes).geometry.values())), notes)
+    return read_trimesh(next(iter(_parsed(body, "off", notes).geometry.values())), notes)
 
 
 def _check_polygons(rows, notes):
     sizes = np.array([int(row[0]) for row in rows])
     rest = np.array([len(row) for row in rows]) - 1 - sizes
     if sizes.min() < 0 or rest.min() < 0:
-        raise _malformed("TXF-I23", "a face line is shorter than its count", face=int(np.argmax((sizes < 0) | (rest < 0))))
+        raise _malformed("off", "a face line is shorter than its count", face=int(np.argmax((sizes < 0) | (rest < 0))))
     if rest.any():
         notes.drop("colours of faces")
     if (small := int((sizes < 3).sum())):
@@ -173,19 +173,19 @@ def read_3mf(data: bytes, folder: Path, notes: Notes) -> Scene:
                 raise LimitError("TXF-I41", "the 3MF file unpacks to too many bytes", value=size, allowed=MAX_PART)
             name = next((name for name in archive.namelist() if "3d/3dmodel.model" in name.lower()), None)
             if name is None:
-                raise _malformed("TXF-I24", "it has no part 3D/3dmodel.model")
+                raise _malformed("3mf", "it has no part 3D/3dmodel.model")
             unit, faces = _survey(io.BytesIO(archive.read(name)), notes)
     except (TexfError, MemoryError):
         raise
     except Exception as error:  # of the archive, of unpacking and of XML: a dozen types
-        raise _malformed("TXF-I24", "it is not a ZIP archive of XML", reason=f"{type(error).__name__}: {error}"[:200]) from error
+        raise _malformed("3mf", "it is not a ZIP archive of XML", reason=f"{type(error).__name__}: {error}"[:200]) from error
     if not faces:
         raise no_triangles()
-    placed = _parsed(data, "3mf", "TXF-I24", notes)
+    placed = _parsed(data, "3mf", notes)
     placed.apply_transform(placing_of("Z", _METRES.get(unit.strip().lower(), 1e-3), "the 3MF file", notes).matrix)
     scene = read_trimesh(placed, notes)
     if len(scene.faces) != faces:
-        raise _malformed("TXF-I24", "trimesh reads another number of triangles than it places", value=len(scene.faces),
+        raise _malformed("3mf", "trimesh reads another number of triangles than it places", value=len(scene.faces),
                          allowed=faces)
     scene.metadata["source_unit"] = unit
     return scene
@@ -232,7 +232,7 @@ def _placed_faces(objects, items):
         if instances > MAX_INSTANCES:
             raise LimitError("TXF-I41", "the 3MF file places too many objects", value=instances, allowed=MAX_INSTANCES)
         if key not in objects:
-            raise _malformed("TXF-I24", "it places an object that does not exist", value=key[:40])
+            raise _malformed("3mf", "it places an object that does not exist", value=key[:40])
         if key in above:
             raise InputError("TXF-I19", "the node graph is not a tree: an object contains itself", value=key[:40])
         faces += objects[key][0]

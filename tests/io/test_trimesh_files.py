@@ -65,7 +65,8 @@ def test_corners_are_read_and_what_is_left_out_is_named(tmp_path, name, data, co
 
 
 @pytest.mark.parametrize("name, data, metadata", [
-    ("a.stl", stl(), {}), ("a.stl", TWO_SOLIDS, {"solids": ["a part", "other"]}), ("a.off", f"OFF\n4 1 0\n{POINTS}3 0 1 2\n", {}),
+    ("a.stl", stl(), {}), ("a.stl", stl_text(name=""), {}), ("a.stl", TWO_SOLIDS, {"solids": ["a part", "other"]}),
+    ("a.off", f"OFF\n4 1 0\n{POINTS}3 0 1 2\n", {}),
     ("a.3mf", package(model(mesh())), {"source_unit": "inch", "meshes": ["1"]}),
 ])
 def test_names_and_units_are_kept(tmp_path, name, data, metadata):

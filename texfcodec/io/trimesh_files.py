@@ -74,8 +74,9 @@ def read_stl(data: bytes, folder: Path, notes: Notes) -> Scene:
         if is_binary:
             _paint(mesh, data[:80], notes)
     scene = read_trimesh(solids, notes)
-    names = [mesh.metadata.get("name", "")[:500] for mesh in solids.geometry.values()]
-    scene.metadata = {"solids": names[:1000]} if any(names) else {}
+    names = [str(mesh.metadata.get("name", "")) for mesh in solids.geometry.values()]
+    named = [name[:500] for name in names if name and not name.startswith("geometry_")]  # which trimesh calls those without one
+    scene.metadata = {"solids": named[:1000]} if named else {}
     return scene
 
 

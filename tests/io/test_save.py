@@ -262,15 +262,10 @@ def test_interrupted_writing_leaves_nothing_behind(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "code"),
-    [
-        ("none/a.glb", {}, "TXF-O01"),
-        ("a.fbx", {}, "TXF-O05"),
-        ("a.glb", {"appearance": "shiny"}, "TXF-O06"),
-        ("d.glb", {}, "TXF-O02"),
-    ],
-)
+@pytest.mark.parametrize(("name", "options", "code"), [
+    ("none/a.glb", {}, "TXF-O01"), ("a.fbx", {}, "TXF-O05"), ("a.glb", {"appearance": "shiny"}, "TXF-O06"),
+    ("d.glb", {}, "TXF-O02"),
+])
 def test_hopeless_requests_are_refused_before_any_work(tmp_path, name, options, code):
     (tmp_path / "d.glb").mkdir()
     texf = decoded(*grid_mesh(4), query=None)

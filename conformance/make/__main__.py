@@ -1,7 +1,7 @@
 """Makes the conformance vectors: --write rewrites conformance/ (streams, case.json, queries.json, README.md), --check says what
 would differ. --module and --only make a part of them and leave the others as they stand.
 
-Every good stream is decoded by our decoder and by the naive one of tests/naive first; nothing is written where they differ, nor
+Every good stream is decoded by our decoder and by the reference one first; nothing is written where they differ, nor
 where a title or a list of clauses promises what is not in the stream (vectors_claims.py).
 """
 
@@ -32,7 +32,7 @@ from conformance.make.claims import Case, unkept
 from conformance.make.good import Vector, parsed
 from conformance.make.levels import level_checks
 from conformance.make.queries import queries_file
-from naive import decoder as naive
+from conformance.reference import decoder as naive
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
 from texfcodec.errors import TexfError
 from texfcodec.scene.channels import CHANNELS
@@ -58,7 +58,7 @@ Small streams with the SHA-256 of everything that is decoded from them (clause 9
 
     python conformance/run.py --decoder "<command>"      # any decoder
     python conformance/run.py                            # our own, in this process
-    python conformance/run.py --decoder "python tests/naive/decoder.py" subset/k33 faulty/   # another, on some of the cases
+    python conformance/run.py --decoder "python conformance/reference/decoder.py" subset/k33 faulty/  # another, on some cases
 
 The command is called as `<command> IN.texf OUT_DIR [--lod L]` and writes these files into `OUT_DIR`, little endian, without a
 header, and no others:

@@ -1,4 +1,4 @@
-"""Conformance vectors at the borders of single rules, which no other vector holds, as mutants of the naive decoder have shown
+"""Conformance vectors at the borders of single rules, which no other vector holds, as mutants of the reference decoder have shown
 (tools/proof/mutants.py): the number that a rule still takes, and the one that it does not take any more."""
 
 import struct

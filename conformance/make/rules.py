@@ -1,4 +1,4 @@
-"""Conformance vectors for single rules that no other vector holds, as mutants of the naive decoder have shown (mutants.py).
+"""Conformance vectors for single rules that no other vector holds, as mutants of the reference decoder have shown (mutants.py).
 
 Probabilities at their ends take many symbols alike, and a sample on a border takes corners that were searched for.
 """

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from naive import oracles
+from oracles import kernels as oracles
 from texfcodec.codecs.raht import attribute_coder as codec_room
 from texfcodec.codecs.raht.attribute_coder import Tools, dec_attributes, enc_attributes
 from texfcodec.codecs.raht.codewords import codeword_count, level_count

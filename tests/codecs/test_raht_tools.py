@@ -17,11 +17,11 @@ from conftest import REPOSITORY
 from damage import attribute_ending as ending
 from shapes import crossing_sheets
 
-from naive import oracles
-from naive.attributes import RangeDecoder, decode_values
-from naive.bits import units_of
-from naive.decoder import decode as naive_decode
-from naive.syntax import read_stream as naive_stream
+from conformance.reference.attributes import RangeDecoder, decode_values
+from conformance.reference.bits import units_of
+from conformance.reference.decoder import decode as naive_decode
+from conformance.reference.syntax import read_stream as naive_stream
+from oracles import kernels as oracles
 from texfcodec.api import decode
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE, UNIT_END

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from naive import decoder as naive
-from naive import syntax
-from naive.bits import Invalid, Reader, Unsupported
+from conformance.reference import decoder as naive
+from conformance.reference import syntax
+from conformance.reference.bits import Invalid, Reader, Unsupported
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 VECTORS = REPOSITORY / "conformance"
 GOOD = [f"{path.parents[1].name}/{path.parent.name}" for kind in ("subset", "uncommon")
         for path in sorted((VECTORS / kind).glob("*/case.json"))]
 RUNNER = REPOSITORY / "conformance" / "run.py"
-NAIVE = f'"{sys.executable}" "{REPOSITORY / "tests" / "naive" / "decoder.py"}"'
+NAIVE = f'"{sys.executable}" "{REPOSITORY / "conformance" / "reference" / "decoder.py"}"'
 # Quick ones: levels of detail, two fields, alpha, slices, no level at all, no geometry, and a refusal of each kind
 SMALL = [
     "subset/k3/", "subset/two_fields/", "subset/alpha_mask/", "uncommon/one_voxel/", "uncommon/empty/", "uncommon/one_slice/",
@@ -36,8 +36,8 @@ WRONG = """
 import sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
-from naive import decoder
-from naive.bits import Invalid, Unsupported
+from conformance.reference import decoder
+from conformance.reference.bits import Invalid, Unsupported
 stream, folder, more = Path(sys.argv[1]).read_bytes(), Path(sys.argv[2]), sys.argv[3:]
 lod = int(more[more.index("--lod") + 1]) if "--lod" in more else 0
 {before}
@@ -61,7 +61,7 @@ stream = stream + end if stream[-5:] != end[:-1] else stream + end[-1:]
 """
 # A filter that sees no further than its own slice (7.7 says: in every slice).
 SLICE_BY_SLICE = """
-from naive import attributes
+from conformance.reference import attributes
 children, stage, ranges = attributes.children_of_range, attributes.filter_stage, []
 def remembered(*arguments):
     ranges.append(children(*arguments))
@@ -74,7 +74,7 @@ def by_slice(means, *rest):
     return out
 attributes.children_of_range, attributes.filter_stage = remembered, by_slice
 """
-FILTER = "from naive import attributes, filter as wiener; "
+FILTER = "from conformance.reference import attributes, filter as wiener; "
 LAST_FIRST = FILTER + "whole = attributes.filtered_means; " + (
     "attributes.filtered_means = lambda unit, level: whole({**unit, 'filters': unit['filters'][::-1]}, level)")
 TWO_STAGES = FILTER + "whole = attributes.filtered_means; " + (
@@ -85,8 +85,8 @@ checked = decoder.checked_values
 decoder.checked_values = lambda unit, keys, lod: checked(unit, keys, 0 if unit["codec_id"] == decoder.CONSTANT else lod)
 """
 NO_CHECKSUM = "decoder.checked_values = lambda unit, keys, lod: unit['plane_value'] * len(keys) if unit['codec_id'] == 2 else b''"
-ANY_NAME = "from naive.bits import Reader; Reader.utf8 = lambda self, count, name: str(self.take(count, name))"
-TEXELS = "from naive import texels; "
+ANY_NAME = "from conformance.reference.bits import Reader; Reader.utf8 = lambda self, count, name: str(self.take(count, name))"
+TEXELS = "from conformance.reference import texels; "
 # Squares with their borders, which ask texels of no weight.
 CLOSED_SQUARES = TEXELS + "import inspect; " + (
     "exec(inspect.getsource(texels.meet).replace('<=', '<').replace('>=', '>'), vars(texels))")
@@ -97,7 +97,7 @@ NO_LINES = TEXELS + "area = lambda a, b, c: (b[0] - a[0]) * (c[1] - a[1]) - (b[1
 ROUNDED_DOWN = "import math; decoder.whole_number = lambda v, bits, most: math.floor(v)"
 NO_ORIGIN = "whole = decoder.decode_uv; " + (
     "decoder.decode_uv = lambda unit, numbers: whole({**unit, 'uv_origin': [-7 * 16, 0]}, numbers)")
-PLANAR = "from naive import attributes, following, mixing, planar, filter as wiener; "
+PLANAR = "from conformance.reference import attributes, following, mixing, planar, filter as wiener; "
 NOT_ROTATED = PLANAR + "attributes.LevelDecoder.is_rotated = lambda *_: False"
 NOT_FOLLOWED = PLANAR + "attributes.followed = lambda *_: None"
 CONTEXTS_OF_VOXELS = PLANAR + "mixing.alike = lambda *_: None"

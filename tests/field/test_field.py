@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes import scene_of, sphere
 
-from naive import oracles
+from oracles import kernels as oracles
 from texfcodec.core.integer import _isqrt, _ones
 from texfcodec.encoder.decide.contacts import (
     colour_pieces,

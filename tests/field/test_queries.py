@@ -9,8 +9,8 @@ import pytest
 from shapes import painted_sphere
 
 from conformance import run as runner
-from naive import decoder, queries, texels
-from naive.voxels import clip
+from conformance.reference import decoder, queries, texels
+from conformance.reference.voxels import clip
 from texfcodec import EncodeOptions, InputError, decode
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.field.morton import decode_morton, encode_morton

@@ -1,4 +1,4 @@
-"""Texels: the set that faces ask, the query, and UVs through Draco, against the plain-Python oracles of tests/naive/texels.py."""
+"""Texels: the set that faces ask, the query, and UVs through Draco, against the reference decoder's texels.py."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from shapes import crossing_sheets, sphere
 
-from naive import texels as naive
+from conformance.reference import texels as naive
 from texfcodec.errors import LimitError, StreamError
 from texfcodec.field import texel_set
 from texfcodec.field.morton import decode_morton

@@ -2,9 +2,9 @@
 
 from itertools import product
 
-from naive.mixing import WeightSet, mixed_bit, new_refinement
-from naive.scales import fine
-from naive.voxels import clip
+from conformance.reference.mixing import WeightSet, mixed_bit, new_refinement
+from conformance.reference.scales import fine
+from conformance.reference.voxels import clip
 
 SIZE, SIGN = range(2)
 WEIGHT_SETS, REFINEMENT_SETS = 103, 51

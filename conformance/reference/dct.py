@@ -1,8 +1,8 @@
 """Clause 7.11.4 in plain Python: blocks of 8 x 8 texels that are decoded at once."""
 
-from naive.mixing import WeightSet, mixed_bit, new_refinement
-from naive.scales import energy_class, fine, sixteenths
-from naive.voxels import clip
+from conformance.reference.mixing import WeightSet, mixed_bit, new_refinement
+from conformance.reference.scales import energy_class, fine, sixteenths
+from conformance.reference.voxels import clip
 
 COUNT, ZERO, MORE, SIGN = range(4)
 COSINE = (8192, 8035, 7568, 6811, 5793, 4551, 3135, 1598, 0)

@@ -1,8 +1,8 @@
 """Clauses 7.5.5 and 7.6.4 in plain Python: bits whose probability several models give together, and the flags of quiet planes."""
 
-from naive.planar import alike
-from naive.scales import energy_class, fine, half, sixteenths, surrounding_classes
-from naive.voxels import clip
+from conformance.reference.planar import alike
+from conformance.reference.scales import energy_class, fine, half, sixteenths, surrounding_classes
+from conformance.reference.voxels import clip
 
 FLAG, ZERO, MORE, SIGN = range(4)
 WEIGHT_SETS, REFINEMENT_SETS, QUIET_CONTEXTS = 224, 139, 256

@@ -3,14 +3,14 @@
 from math import isqrt
 from types import SimpleNamespace
 
-from naive.bits import require
-from naive.dct import decode_blocks
-from naive.filter import filter_stage
-from naive.following import followed
-from naive.mixing import MixedBits, MixedTable, adapted
-from naive.residual import with_residuals
-from naive.scales import falloff, step, surrounding_classes
-from naive.voxels import clip
+from conformance.reference.bits import require
+from conformance.reference.dct import decode_blocks
+from conformance.reference.filter import filter_stage
+from conformance.reference.following import followed
+from conformance.reference.mixing import MixedBits, MixedTable, adapted
+from conformance.reference.residual import with_residuals
+from conformance.reference.scales import falloff, step, surrounding_classes
+from conformance.reference.voxels import clip
 
 LARGEST = 2**22
 DIRECTIONS = [

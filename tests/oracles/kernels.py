@@ -8,10 +8,10 @@ from fractions import Fraction
 from itertools import product
 from math import isqrt
 
-from naive import mixing
-from naive.filter import filter_stage as filter_stage  # 7.7, one stage: (dict of voxels, mask, coefficients, luma step) -> dict
-from naive.queries import voxel_answers
-from naive.scales import falloff as falloff  # 7.3: (mean, centre, colour range, luma step) -> 0..64
+from conformance.reference import mixing
+from conformance.reference.filter import filter_stage as filter_stage  # 7.7, a stage: (voxels, mask, coefficients, luma step)
+from conformance.reference.queries import voxel_answers
+from conformance.reference.scales import falloff as falloff  # 7.3: (mean, centre, colour range, luma step) -> 0..64
 
 STEPS = (2580, 2896, 3251, 3649, 4096, 4598)
 

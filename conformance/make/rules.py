@@ -5,7 +5,7 @@ Probabilities at their ends take many symbols alike, and a sample on a border ta
 
 import numpy as np
 
-from conformance.make.good import Vector, encoded, scene_of
+from conformance.make.good import encoded, scene_of
 from conformance.make.texels import CLAMPED, Grid, Image, picture, ring, sheet, stream_of_parts
 from texfcodec.codecs.base import Group
 from texfcodec.scene.channels import BASE_COLOUR
@@ -72,18 +72,19 @@ def sheets():
 def uncommon():
     """All of them."""
     noise = np.random.default_rng(3).integers(0, 256, (14, 20, 3)).astype(np.uint8)
-    lines = [
-        ("rules_quiet", "a planar support, eight models, one colour but for a few spots", ("7.5.5", "7.6.3"),
+    return [
+        ("rules_quiet", ["a planar support", ("{} models", 8), "one colour but for a few spots"], ("7.5.5", "7.6.3"),
          on_ring(spotted((64, 48), 211), qp=20, models=8), (0,)),
-        ("rules_slopes", "a planar support, eight models", ("7.5.5",),
+        ("rules_slopes", ["a planar support", ("{} models", 8)], ("7.5.5",),
          on_ring(grainy((64, 48)), qp=4, models=8), (0,)),
-        ("rules_zeros", "grey base_colour, lossless, one colour but for a few spots", ("7.6.4", "7.9"),
+        ("rules_zeros", [("grey {}", "base_colour"), "lossless", "one colour but for a few spots"], ("7.6.4", "7.9"),
          on_ring(nearly_flat((128, 96), 331), groups=GREY, qp=63, models=6, max_error=0), (0,)),
-        ("rules_ones", "grey base_colour, lossless, two values but for a few spots", ("7.6.4", "7.9"),
+        ("rules_ones", [("grey {}", "base_colour"), "lossless", "two values but for a few spots"], ("7.6.4", "7.9"),
          on_ring(two_values((48, 32), 97), groups=GREY, qp=63, models=6, max_error=0), (0,)),
-        ("rules_leads", "an image of 20 x 14, repeat, noise with errors of at most 0 from a coarse field", ("7.9",),
-         on_ring(noise, qp=44, models=6, max_error=0), (0,)),
-        ("rules_half", "B = 20, K = 16, a sample that one rounding would move", ("6.3",), rounded_twice(), (0,)),
-        ("queries_sheets", "two fields over texels, one over voxels", ("8.2", "8.2.1", "8.2.2"), sheets(), (0, 1)),
+        ("rules_leads",
+         [("an image of {} x {}", 20, 14), ("wrap {}", "repeat"), ("noise with errors of at most {} from a coarse field", 0)],
+         ("7.9",), on_ring(noise, qp=44, models=6, max_error=0), (0,)),
+        ("rules_half", [("B = {}", 20), ("K = {}", 16), "a sample that one rounding would move"], ("6.3",), rounded_twice(),
+         (0,)),
+        ("queries_sheets", ["two fields over texels", "one over voxels"], ("8.2", "8.2.1", "8.2.2"), sheets(), (0, 1)),
     ]
-    return [Vector(f"uncommon/{name}", *rest) for name, *rest in lines]

@@ -1,5 +1,6 @@
 """Clause 7 in plain Python: octree, prediction, transform, contexts, range decoder."""
 
+from copy import deepcopy
 from math import isqrt
 from types import SimpleNamespace
 
@@ -131,7 +132,7 @@ def decode_means(unit, keys, lod=0):
             ranges, used = whole(levels[d]), slice(0, 1)
         elif d == unit["slice_level"]:
             ranges = list(zip(starts, starts[1:] + [len(levels[d].values)], strict=True))
-            tables += [tables[0].copy() for _ in ranges]
+            tables += [deepcopy(tables[0]) for _ in ranges]
             used = slice(1, None)
         else:
             ranges = [children_of_range(levels[d - 1], first, end) for first, end in ranges]

@@ -127,8 +127,7 @@ def test_2000_mixed_bits_are_read_alike_by_the_kernel_and_the_naive_decoder(mode
     assert bits == [bit for *_, bit in choices] == again
     assert all((a == b).all() for a, b in zip(coder, reader, strict=True))
     plain, table = RangeDecoder(data), oracles.mixing.MixedTable(models)
-    split = lambda p: plain.split((plain.range >> 16) * p)
-    assert [table.bit(split, 0, numbers, *kinds) for numbers, kinds, _ in choices] == bits
+    assert [table.bit(plain, 0, numbers, *kinds) for numbers, kinds, _ in choices] == bits
     assert reader.refinement.tolist() == table.refinements[:2]
     assert [weight_set(reader, s, models) for s in range(5)] == [(w.weight, w.count) for w in table.weight_sets[:5]]
     assert all(tuple(reader.contexts[4 * i + n].tolist()) == c for (_, i, n), c in table.contexts.items())

@@ -1,6 +1,5 @@
 """Texels: the set that faces ask, the query, and UVs through Draco, against the reference decoder's texels.py."""
 
-from dataclasses import replace
 from fractions import Fraction
 from types import SimpleNamespace
 
@@ -322,15 +321,6 @@ def test_uv_that_does_not_begin_at_zero_is_refused_by_the_encoder():
     for wrong in (uv, uv * [0, 1], -uv, uv * [1 << 20, 0] - [0, 0]):
         with pytest.raises(ValueError):
             enc_textured(lattice, faces, wrong, 14)
-
-
-def test_uvs_of_the_other_kind_are_refused():
-    lattice, faces = shape("sphere")
-    data, coding = enc_textured(lattice, faces, lattice[:, :2] - lattice[:, :2].min(axis=0), 14)
-    for other in (UvCoding(0 if coding.bits else 14, coding.range), replace(coding, range=3) if coding.bits else UvCoding(3, 7)):
-        with pytest.raises(StreamError) as caught:
-            dec_textured(data, *counts_of(data), other, 14)
-        assert caught.value.code in ("TXF-S20", "TXF-S23")
 
 
 def test_an_answer_with_other_uvs_or_vertices_than_there_should_be_is_refused(monkeypatch):

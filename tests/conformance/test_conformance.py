@@ -39,7 +39,7 @@ SMALL = [
 WRONG = """
 import sys
 from pathlib import Path
-sys.path.insert(0, {tests!r})
+sys.path.insert(0, {repository!r})
 from conformance.reference import decoder
 from conformance.reference.bits import Invalid, Unsupported
 stream, folder, more = Path(sys.argv[1]).read_bytes(), Path(sys.argv[2]), sys.argv[3:]
@@ -128,7 +128,7 @@ def run(command, *cases):
 def wrong_decoder(folder, before="", refuse=REFUSE, after=""):
     """Command of the naive decoder with other statements before, on refusal or after."""
     program = folder / "wrong.py"
-    program.write_text(WRONG.format(tests=str(REPOSITORY / "tests"), before=before, refuse=refuse, after=after), encoding="utf-8")
+    program.write_text(WRONG.format(repository=str(REPOSITORY), before=before, refuse=refuse, after=after), encoding="utf-8")
     return f'"{sys.executable}" "{program}"'
 
 

@@ -22,7 +22,7 @@ def empty():
 def test_every_change_of_a_module_is_numbered_and_another_text():
     for module in mutants.MODULES:
         found = mutants_of(module)
-        assert len({m.number for m in found}) == len(found) > 50 and all(m.before != m.after for m in found)
+        assert len({m.number for m in found}) == len(found) > 40 and all(m.before != m.after for m in found)
     assert {path.stem for path in mutants.NAIVE.glob("*.py")} == set(mutants.MODULES)
 
 

@@ -8,8 +8,8 @@ import trimesh
 from conftest import REPOSITORY
 from shapes import hand, scene_of, sphere
 
-from naive.edges import fold as naive_fold
-from naive.edges import marked_edges
+from conformance.reference.edges import fold as naive_fold
+from conformance.reference.edges import marked_edges
 from texfcodec import DecodeOptions, EncodeOptions, Report, StreamError, decode
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.codecs.sharp_edges import dec_marks, enc_marks

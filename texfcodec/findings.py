@@ -110,7 +110,7 @@ FINDINGS = (
             "decode with the version that wrote it"),
     Finding("TXF-U06", SupportError, (), "no codec of this name is installed", "install its plug-in, or choose another codec"),
     Finding("TXF-U07", SupportError, ("5.7",), "the stream needs a codec that is not installed", "install its plug-in"),
-    Finding("TXF-U08", SupportError, (), "the codec of a plug-in fails or is invalid", "repair, update or remove the plug-in"),
+    Finding("TXF-U08", SupportError, (), "the codec of a plug-in cannot be loaded, or its class, name or id is invalid", "repair, update or remove the plug-in"),
     Finding("TXF-U09", SupportError, ("4.3",), "an element has a value that this version does not know",
             "decode with a newer version"),
     Finding("TXF-U10", SupportError, (), "--engine wasm cannot decode this stream, or wasmtime is not installed",

@@ -27,7 +27,6 @@ PLAIN = {
     "texfcodec/demo/asset.py": "the glTF of the demo asset",
     "texfcodec/sandbox/limited_process.py": "the request to a child process",
     "texfcodec/sandbox/isolate.py": "a child's answer, whose arrays and figures its parent checks",
-    "texfcodec/codecs/plugins.py": "what a plug-in answers is refused where it is no JSON",
 }
 
 

@@ -95,7 +95,7 @@ def test_plug_in_does_not_take_the_place_of_ours(install):
 def test_plug_in_that_fails_later_raises_its_own_error(install, method, call):
     install({"toy": "toy_package:Toy"}, toy_package=TOY)
     data = toy_stream()
-    fails = TOY.replace(f"    def {method}(", f"    def {method}(self, *_):\n        raise RuntimeError('out of luck')\n\n    def _(")
-    install({"toy": "toy_package:Toy"}, toy_package=fails)
+    lines = f"    def {method}(self, *_):\n        raise RuntimeError('out of luck')\n\n    def _("
+    install({"toy": "toy_package:Toy"}, toy_package=TOY.replace(f"    def {method}(", lines))
     with pytest.raises(RuntimeError, match="out of luck"):
         call(data)

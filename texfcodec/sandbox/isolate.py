@@ -1,4 +1,4 @@
-"""Decoding in a child process with capped memory and time: for 3DNTC, for private codecs, and for systems without wasmtime.
+"""Decoding in a child process with capped memory and time: for joint and private codecs, and for systems without wasmtime.
 
 The parent never runs Draco or a kernel on the stream. The child's answer is arrays without pickles and JSON.
 """

@@ -220,7 +220,7 @@ def test_failing_rename_leaves_the_old_file_and_no_temporary(call, mesh, tmp_pat
             raise failure
 
         with monkeypatch.context() as patch:
-            patch.setattr("texfcodec.io.save.os.replace", fail)
+            patch.setattr("texfcodec.io.output_files.os.replace", fail)
             assert call("texf-enc", mesh, target, *SMALL)[0] == code
         assert target.read_bytes() == b"old" and list(tmp_path.iterdir()) == [target]
 
@@ -261,7 +261,7 @@ def test_progress_bar_shows_on_a_terminal_only(mesh, tmp_path):
 
 
 def test_internal_error_is_one_line_and_the_traceback_is_on_request(call, mesh, tmp_path, monkeypatch):
-    monkeypatch.setattr("texfcodec.encoder.pipeline.encode_scene", lambda *_, **__: 1 // 0)
+    monkeypatch.setattr("texfcodec.encoder.encode.encode_scene", lambda *_, **__: 1 // 0)
     code, out, err = call("texf-enc", mesh, tmp_path / "a.texf", *SMALL)
     lines = [line for line in err.splitlines() if "not coded" not in line]
     assert code == 4 and out == "" and len(lines) == 1 and "ZeroDivisionError" in lines[0] and "TEXF_TRACEBACK" in lines[0]
@@ -274,7 +274,7 @@ def test_memory_error_is_exit_6(call, mesh, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise MemoryError
 
-    monkeypatch.setattr("texfcodec.encoder.pipeline.encode_scene", fail)
+    monkeypatch.setattr("texfcodec.encoder.encode.encode_scene", fail)
     assert call("texf-enc", mesh, tmp_path / "a.texf", *SMALL)[0] == 6
 
 
@@ -367,7 +367,7 @@ def test_info_passes_over_unknown_ancillary_units_and_says_so(stream):
 
 
 def test_info_tells_bytes_by_level(sample_scene):
-    from texfcodec.encoder.pipeline import encode_scene
+    from texfcodec.encoder.encode import encode_scene
 
     made = encode_scene(sample_scene, EncodeOptions(resolution=128, qp=20, partition="off", support="voxels"))
     data, sizes = made.data, made.sizes

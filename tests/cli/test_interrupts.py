@@ -36,7 +36,7 @@ except KeyboardInterrupt:
 LATE = """
 import os, signal, sys, time
 from pathlib import Path
-from texfcodec.io import save
+from texfcodec.io import output_files
 from texfcodec.core import cleanup
 rename = os.replace
 def interrupted(a, b):  # once, after the first file, those of kernels that are compiled not counted
@@ -91,7 +91,7 @@ def test_a_tool_that_is_killed_leaves_whole_files_and_runs_again(tmp_path):
 
 @pytest.mark.slow
 @UNIX
-@pytest.mark.parametrize("module, function", [("encoder.decide.contacts", "find_contacts"), ("field.voxelise", "voxelise")])
+@pytest.mark.parametrize("module, function", [("encoder.place.contacts", "find_contacts"), ("field.voxelise", "voxelise")])
 def test_an_interrupt_that_waits_for_a_kernel_is_a_keyboard_interrupt(module, function):
     """Numba runs Python while it boxes a kernel's results; an interrupt between two arrays was a SystemError or a crash."""
     program = PENDING.format(module=module, function=function)

@@ -156,12 +156,16 @@ def test_the_output_itself_is_replaced(call, made, tmp_path):
 
 
 def test_a_side_file_that_appears_during_the_work_stays(made, tmp_path, monkeypatch):
-    from texfcodec.io import save as files
+    from texfcodec.io import save_build
+    from texfcodec.io.save import save
 
-    monkeypatch.setitem(files._WRITERS, ".gltf", lambda texf, path, *_: (tmp_path / "a.bin").write_bytes(b"mine") and [
-        ("a.bin", [b"new"]), ("a.gltf", [b"{}"])])
+    def built(*_):
+        (tmp_path / "a.bin").write_bytes(b"mine")
+        return [("a.bin", [b"new"]), ("a.gltf", [b"{}"])], save_build.SaveReport()
+
+    monkeypatch.setitem(save_build._BUILDERS, ".gltf", built)
     with pytest.raises(InputError) as raised:
-        files.save(decode(made[1].read_bytes()), tmp_path / "a.gltf")
+        save(decode(made[1].read_bytes()), tmp_path / "a.gltf")
     assert raised.value.code == "TXF-O08" and held(tmp_path) == {"a.bin": b"mine"}
 
 

@@ -6,7 +6,7 @@ from mesh_files import Builder, load_bytes
 from shapes import painted_sphere
 
 from texfcodec import EncodeOptions, Report
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.report import plural
 
 

@@ -8,7 +8,7 @@ import pytest
 from shapes import mapped_sheet, noise, plain_image
 
 from texfcodec.api import decode
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.io.load import load
 from texfcodec.io.save import save
 from texfcodec.options import DecodeOptions, EncodeOptions

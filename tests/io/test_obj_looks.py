@@ -9,7 +9,7 @@ from shapes import mapped_sheet, plain_image
 from test_materials_back import CLAMPED, EXACT, FACTORS, everything, waves
 
 from texfcodec.api import decode
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.io.load import load
 from texfcodec.io.save import save
 from texfcodec.io.written_normals import face_areas

@@ -13,13 +13,14 @@ from mesh_files import accessor, read_glb
 from shapes import scene_of, square
 
 from texfcodec import EncodeOptions, decode
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.errors import InputError
-from texfcodec.io import save as save_room
+from texfcodec.io import output_files, save_build
 from texfcodec.io.atlas.bake import bake
 from texfcodec.io.formats import SAVED_SUFFIXES
+from texfcodec.io.output_files import as_input_error
 from texfcodec.io.own_files import own_sides
-from texfcodec.io.save import as_input_error, save
+from texfcodec.io.save import save
 from texfcodec.io.vertex_appearance import linear_u16
 from texfcodec.io.vertex_fit import vertex_fit
 from texfcodec.scene.scene import Material
@@ -238,7 +239,7 @@ def test_losses_of_simple_formats_are_named(tmp_path):
 @pytest.mark.parametrize(("number", "code"), [(errno.ENOSPC, "TXF-O03"), (errno.EACCES, "TXF-O02"), (errno.EIO, "TXF-O04")])
 def test_failed_writing_leaves_nothing_behind(tmp_path, monkeypatch, number, code):
     (tmp_path / "a.gltf").write_text("old")
-    monkeypatch.setattr(save_room.os, "replace", lambda *_: (_ for _ in ()).throw(OSError(number, "no")))
+    monkeypatch.setattr(output_files.os, "replace", lambda *_: (_ for _ in ()).throw(OSError(number, "no")))
     with pytest.raises(InputError, match=code):
         save(decoded(*grid_mesh(4)), tmp_path / "a.gltf", texture_size=64, atlas="fast")
     assert [p.name for p in tmp_path.iterdir()] == ["a.gltf"] and (tmp_path / "a.gltf").read_text() == "old"
@@ -266,7 +267,7 @@ def test_interrupted_writing_leaves_nothing_behind(tmp_path, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(save_room.np, "savez", interrupted)
+    monkeypatch.setattr(save_build.np, "savez", interrupted)
     with pytest.raises(KeyboardInterrupt):
         save(decoded(*grid_mesh(4)), tmp_path / "a.npz")
     assert list(tmp_path.iterdir()) == []

@@ -76,8 +76,8 @@ def test_alpha_survives_in_every_format_that_has_it():
 
 def test_an_image_that_a_format_cannot_hold_becomes_png_with_a_warning(tmp_path):
     for name, image in (("jpeg", smooth_image(16, 16)), ("ktx2", smooth_image(18, 16, 3)[..., :3])):
-        warnings = []
-        assert format_for(image, IMAGE_FORMATS[name], warnings).name == "png" and len(warnings) == 1
+        form, warnings = format_for(image, IMAGE_FORMATS[name])
+        assert form.name == "png" and len(warnings) == 1
     texf = decoded(*grid_mesh(5), has_alpha=True)
     report = save(texf, tmp_path / "a.gltf", texture_size=64, atlas="fast", texture_format="jpeg", texture_quality=50)
     assert report["files"][0] == "a.png" and "JPEG" in report["warnings"][0]

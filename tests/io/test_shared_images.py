@@ -8,7 +8,7 @@ from shapes import mapped_sheet, noise
 from test_materials_back import tree_of, waves
 
 from texfcodec.api import decode
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.io.load import load
 from texfcodec.io.save import save
 from texfcodec.options import EncodeOptions

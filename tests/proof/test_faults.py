@@ -11,7 +11,7 @@ from fuzz import faults
 from texfcodec import precompile
 from texfcodec.bitstream import inspect as inspection
 from texfcodec.errors import InputError
-from texfcodec.io import save as save_room
+from texfcodec.io import output_files
 from texfcodec.io.load import load
 
 EVERY = {"memory": 41}  # arrays are many; each run takes another slice of them
@@ -31,7 +31,7 @@ def test_a_rename_that_fails_takes_the_new_files_before_it_away_again(tmp_path, 
     (tmp_path / "a.gltf").write_bytes(b"old")
     monkeypatch.setattr(os, "replace", failing(os.replace, errno.EIO, lambda _, final: str(final).endswith(".gltf")))
     with pytest.raises(InputError, match="TXF-O04"):
-        save_room.write_all(tmp_path, [("a.bin", [b"new"]), ("a.gltf", [b"new"])])
+        output_files.write_all(tmp_path, [("a.bin", [b"new"]), ("a.gltf", [b"new"])])
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a.gltf": b"old"}
 
 
@@ -39,7 +39,7 @@ def test_a_rename_that_fails_takes_the_new_files_before_it_away_again(tmp_path, 
 def test_an_output_that_cannot_be_looked_at_is_refused_by_its_code(tmp_path, monkeypatch, number, code):
     monkeypatch.setattr(Path, "is_dir", failing(Path.is_dir, number, lambda path: path == tmp_path / "closed"))
     with pytest.raises(InputError, match=code):
-        save_room.check_target(tmp_path / "closed" / "a.glb")
+        output_files.check_target(tmp_path / "closed" / "a.glb")
 
 
 def test_a_material_library_that_cannot_be_read_is_missing(tmp_path, monkeypatch):

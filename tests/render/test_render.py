@@ -14,7 +14,7 @@ from shapes import painted_sphere, scene_of, square
 from oracles import raster as naive
 from texfcodec.api import decode
 from texfcodec.cli import render as render_command
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.field.query import query_field
 from texfcodec.field.voxels import VoxelSupport
@@ -774,7 +774,7 @@ def test_a_failing_rename_leaves_the_old_picture(call, files, tmp_path, monkeypa
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("texfcodec.io.save.os.replace", fail)
+    monkeypatch.setattr("texfcodec.io.output_files.os.replace", fail)
     code, _, err = call(files[1], target, "--size", "16")
     assert code == 2 and "TXF-O03" in err and target.read_bytes() == b"old" and list(tmp_path.iterdir()) == [target]
 

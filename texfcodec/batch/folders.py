@@ -16,7 +16,7 @@ WORK, LOCK, PROBE = ".texf-work", ".texf-lock", "probe"  # the first two are nob
 def only_run(out: Path) -> Iterator[None]:
     """Makes the folder for results, and keeps others out of it; the system drops the lock with its process. Raises InputError
     TXF-O17 where another run is at work there, TXF-O01 to O04 where there can be no such folder."""
-    from ..io.save import as_input_error
+    from ..io.output_files import as_input_error
 
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -162,7 +162,7 @@ class Batch:
 
     def _ended(self, task, outcome, folder):
         from ..batch.tasks import DONE, FULL, is_full
-        from ..io.save import as_input_error
+        from ..io.output_files import as_input_error
 
         asset = self.assets[task.name]
         if outcome.state == FULL:

@@ -147,7 +147,7 @@ def printable(text: str) -> str:
 
 def check_output(path: str, inputs: Iterable[str] = ()) -> None:
     """Refuses a hopeless path before any work is done, and one of the files that were read; "-" and devices are fine."""
-    from ..io.save import check_target
+    from ..io.output_files import check_target
 
     if path != "-" and not is_device(path):
         check_target(Path(path), [name for name in inputs if name != "-"])
@@ -156,7 +156,7 @@ def check_output(path: str, inputs: Iterable[str] = ()) -> None:
 def write_output(path: str, data: bytes, inputs: Iterable[str] = ()) -> None:
     """Writes bytes to stdout ("-"), to a device, or to a temporary name beside the path that is then renamed, unless the path is
     one of the files that were read. It is the last step of a command."""
-    from ..io.save import as_input_error, write_all
+    from ..io.output_files import as_input_error, write_all
 
     cleanup.last_step()
     if path != "-" and not is_device(path):

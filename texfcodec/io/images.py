@@ -194,15 +194,14 @@ def check_image_format(name: str, quality: int | None) -> None:
             raise SupportError("TXF-O15", f"this build of Pillow cannot write {name}: run pip install -U pillow", value=name)
 
 
-def format_for(image: np.ndarray, wanted: ImageFormat, warnings: list[str]) -> ImageFormat:
-    """The format that an image, uint8 [H, W, 3 or 4], is written in: PNG, with a warning, where the wanted one cannot hold it."""
+def format_for(image: np.ndarray, wanted: ImageFormat) -> tuple[ImageFormat, tuple[str, ...]]:
+    """(the format that an image, uint8 [H, W, 3 or 4], is written in, warnings): PNG if the wanted one cannot hold it."""
     if wanted.name == "jpeg" and image.shape[2] == 4:
-        warnings.append("JPEG has no alpha: images with alpha are written as PNG")
-        return IMAGE_FORMATS["png"]
+        return IMAGE_FORMATS["png"], ("JPEG has no alpha: images with alpha are written as PNG",)
     if wanted.name == "ktx2" and (image.shape[0] % 4 or image.shape[1] % 4):
-        warnings.append("glTF requires KTX2 textures with sides that are multiples of 4: other images are written as PNG")
-        return IMAGE_FORMATS["png"]
-    return wanted
+        text = "glTF requires KTX2 textures with sides that are multiples of 4: other images are written as PNG"
+        return IMAGE_FORMATS["png"], (text,)
+    return wanted, ()
 
 
 def encode_image(image: np.ndarray, form: ImageFormat, quality: int | None = None, srgb: bool = True) -> bytes:

@@ -252,10 +252,11 @@ def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> 
     return made
 
 
-def write_mtl(texf: Texf, look: Textured, image_names: list[str], warnings: list[str]) -> list[bytes]:
-    """The MTL file: one entry per material and image. image_names: of the files of look.textures; warnings: gets a sentence
-    where OBJ cannot show an image as the stream does."""
-    maps, lines = [_write_map(look, n, name, warnings) for n, name in enumerate(image_names)], ["# texfcodec"]
+def write_mtl(texf: Texf, look: Textured, image_names: list[str]) -> tuple[list[bytes], list[str]]:
+    """(pieces of the MTL file, one entry per material and image; warnings on images that OBJ cannot show as the stream does).
+    image_names: of the files of look.textures."""
+    written, lines = [_write_map(look, n, name) for n, name in enumerate(image_names)], ["# texfcodec"]
+    maps = [text for text, _ in written]
     for name, one, images in zip(material_names(texf, look), look.looks.looks, look.images, strict=True):
         lines += [f"newmtl {name}", "Ka 1 1 1", "Ks 0 0 0", "illum 1", *number_lines(one.material)]
         for channel, image in images.items():
@@ -265,21 +266,22 @@ def write_mtl(texf: Texf, look: Textured, image_names: list[str], warnings: list
             lines.append(f"map_Kd {maps[image]}")
             if look.textures[image].image.shape[2] == 4 and one.material.alpha_mode != ALPHA_OPAQUE:
                 lines.append(f"map_d {maps[image]}")
-    return [("\n".join(lines) + "\n").encode()]
+    return [("\n".join(lines) + "\n").encode()], [text for _, texts in written for text in texts]
 
 
-def _write_map(look, number, name, warnings):
-    """What stands behind a map's statement. An image repeats in OBJ, or is clamped both ways; where UVs stay within it neither
-    matters, and the option, which some readers take for a part of the name, is left out."""
+def _write_map(look, number, name):
+    """(the text behind a map's statement, warnings). An image repeats in OBJ, or is clamped both ways; where UVs stay within it
+    neither matters, and the option, which some readers take for a part of the name, is left out."""
     shown = np.array([number in images.values() for images in look.images], bool)[look.looks.face_look]
     uv = look.corner_uv[shown]
     beyond = ((uv < 0) | (uv > 1)).any(axis=(0, 1))
     needed = {mode for mode, reached in zip(look.textures[number].wrap, beyond, strict=True) if reached}
+    warnings = []
     if WRAP_MIRROR in needed or len(needed) > 1:
         warnings.append(f"OBJ can neither mirror an image nor repeat it along one axis only: {name} repeats along both")
     if look.textures[number].nearest:
         warnings.append(f"OBJ cannot hold how an image is filtered: texels of {name}, which are squares, are blended")
-    return f"-clamp on {name}" if needed == {WRAP_CLAMP} else name
+    return (f"-clamp on {name}" if needed == {WRAP_CLAMP} else name), warnings
 
 
 def material_names(texf: Texf, look: Textured) -> list[str]:

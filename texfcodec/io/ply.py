@@ -248,19 +248,19 @@ def _drop_rest(vertex, face, parts, header, notes):
                 notes.drop(f"PLY property '{name}' of {kind}")
 
 
-def write_ply_surface(texf: Texf, dropped: list[str]) -> list:
-    """Pieces of a PLY file: mesh with vertex colours (u8 sRGB, alpha only if the stream has any), and normals where every vertex
-    has one of its own; dropped: gets a name where it has several, which would tear the surface."""
+def write_ply_surface(texf: Texf) -> tuple[list, list[str]]:
+    """(pieces of a PLY file, names of what is dropped): mesh with vertex colours (u8 sRGB, alpha only if the stream has any), and
+    normals if every vertex has one of its own; several at a vertex would tear the surface."""
     vertex, index, _, rgba = vertex_colours(texf, with_material=False)
     faces = np.empty(len(index), np.dtype([("n", "u1"), ("v", "<i4", 3)]))
     faces["n"], faces["v"] = 3, index
-    normals = None
+    normals, dropped = None, []
     if len(index) and are_lit(texf):
         normals = normals_at_vertices(texf, index, len(vertex))
-        dropped += ["the shading of hard edges"] * (normals is None)
+        dropped = ["the shading of hard edges"] * (normals is None)
     vertices, lines = _write_vertices(texf, texf.positions[vertex], to_bytes(rgba), normals)
     lines += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
-    return [_write_header(lines), vertices.data, faces.data]
+    return [_write_header(lines), vertices.data, faces.data], dropped
 
 
 def write_ply_points(texf: Texf) -> list:

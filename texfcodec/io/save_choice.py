@@ -1,0 +1,152 @@
+"""How a decoded stream is saved: what a request leaves open is chosen, and what it cannot have is refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InputError
+from .formats import APPEARANCES, AUTO, IMAGE_FORMATS, SAVED_SUFFIXES, ImageFormat
+from .gltf.packing import check_compression
+from .images import check_image_format
+from .looks import Looks, looks_of
+from .mtl_maps import MTL_CHANNELS
+
+if TYPE_CHECKING:
+    from ..texf import Texf
+
+IN_OBJ = (AUTO, "png", "jpeg")  # formats of images that readers of MTL take
+
+
+@dataclass(frozen=True, kw_only=True)
+class SaveOptions:
+    """A request to save.
+
+    appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres) or None; texture_size: side of
+    the atlas in texels or None; atlas: "auto", "quality" or "fast"; texture_format: "auto" for JPEG if that costs hardly any
+    quality, else PNG, or "png", "jpeg", "webp", "avif", "ktx2"; texture_quality: 1..100, or None for the format's own; compress:
+    "none", "draco" or "meshopt"; stream: the bytes of a .texf stream, of which the asset is a coarse level, that a GLB or glTF
+    carries as it is (docs/guide/TEXF_stream.md), or None.
+    """
+
+    appearance: str | None = None
+    texture_size: int | None = None
+    atlas: str = "auto"
+    texture_format: str = AUTO
+    texture_quality: int | None = None
+    compress: str = "none"
+    stream: bytes | None = None
+
+    @property
+    def settles_images(self) -> bool:
+        """Whether the request says anything of images that only these can have."""
+        return self.texture_size is not None or self.atlas != "auto" or self.texture_format != AUTO
+
+
+@dataclass(frozen=True, kw_only=True)
+class SaveChoice:
+    """How a stream is saved. suffix: of the main file; appearance: as of SaveOptions, never None; options: the request; looks: of
+    a surface that is written with images, None without; sketched: whether colours are at vertices because the format has no
+    place for images; warnings, remarks: sentences on the choice."""
+
+    suffix: str
+    appearance: str
+    options: SaveOptions
+    looks: Looks | None = None
+    sketched: bool = False
+    warnings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def choose(texf: Texf | None, path: Path, options: SaveOptions) -> SaveChoice:
+    """Choose how a stream is saved; without one, check the request alone.
+
+    Raises
+    ------
+    InputError
+        TXF-O05 suffix, TXF-O06 appearance, TXF-O13 no voxels, TXF-O14 texture format, quality or compression, TXF-O18 a stream
+        in another format.
+    SupportError
+        TXF-O15, a package is missing.
+    """
+    suffix, wanted = path.suffix.lower(), options.appearance
+    if suffix not in SAVED_SUFFIXES:
+        raise InputError("TXF-O05", "the suffix of the file name is unknown", value=path.suffix,
+                         allowed=" ".join(SAVED_SUFFIXES))
+    if wanted not in (None, *APPEARANCES):
+        raise InputError("TXF-O06", "the appearance is unknown", value=wanted, allowed=" ".join(APPEARANCES))
+    warnings: list[str] = []
+    if suffix == ".ply" and wanted == "texture":
+        warnings.append("PLY is written without textures: vertex colours are used instead")
+    if wanted == "voxels" and texf is not None:
+        warnings += _without_voxels(texf)
+    sketched = suffix == ".ply" and wanted in (None, "texture")
+    appearance = ("vertex" if suffix == ".ply" else "texture") if wanted is None else wanted
+    _check_packing(suffix, appearance, options)
+    settled = wanted is not None or options.settles_images
+    looks, remarks = (None, ()) if texf is None else _looks(texf, suffix, appearance, settled)
+    return SaveChoice(suffix=suffix, appearance=appearance, options=options, looks=looks, sketched=sketched,
+                      warnings=tuple(warnings), remarks=remarks)
+
+
+def _looks(texf: Texf, suffix: str, appearance: str, settled: bool) -> tuple[Looks | None, tuple[str, ...]]:
+    """(Looks of a surface that is written with images, None if none are; remarks). settled: whether colours have to be where the
+    appearance says."""
+    if appearance != "texture" or suffix not in (".glb", ".gltf", ".obj"):
+        return None, ()
+    looks = looks_of(texf, MTL_CHANNELS if suffix == ".obj" else None, suffix != ".obj" and not settled)
+    if not looks.opaque or suffix == ".obj":
+        return looks, ()
+    names = f"{', '.join(looks.opaque[:5])}{' and others' * (len(looks.opaque) > 5)}"
+    return looks, (f"alpha is 1 everywhere on {names}: written as opaque",)
+
+
+def _check_packing(suffix: str, appearance: str, options: SaveOptions) -> None:
+    """InputError TXF-O14 or TXF-O18, or SupportError TXF-O15, if texture format, compression and stream do not fit the output."""
+    if options.stream is not None and suffix not in (".glb", ".gltf"):
+        raise InputError("TXF-O18", "only GLB and glTF can carry a stream", value=suffix, allowed=".glb .gltf")
+    check_image_format(options.texture_format, options.texture_quality)
+    check_compression(options.compress)
+    gltf, chosen = suffix in (".glb", ".gltf"), options.texture_format not in (AUTO, "png")
+    if options.compress != "none" and (not gltf or appearance == "voxels"):
+        raise InputError("TXF-O14", "only meshes in GLB and glTF can be compressed", value=options.compress, suffix=suffix,
+                         appearance=appearance)
+    if chosen and (appearance != "texture" or suffix in (".ply", ".npz")):
+        raise InputError("TXF-O14", "a texture format was requested, but no texture is written", value=options.texture_format,
+                         suffix=suffix, appearance=appearance)
+    if suffix == ".obj" and options.texture_format not in IN_OBJ:
+        raise InputError("TXF-O14", "OBJ readers do not support textures of this format", value=options.texture_format,
+                         allowed=" ".join(IN_OBJ))
+
+
+def _without_voxels(texf: Texf) -> list[str]:
+    """Warnings on what appearance "voxels" leaves out; InputError TXF-O13 if nothing would be left."""
+    bare = [number for number, part in enumerate(texf.fields) if part.over_texels]
+    if bare and len(bare) == len(texf.fields):
+        raise InputError("TXF-O13", "every field of the stream is over texels: there are no voxels to write", value=len(bare))
+    faces = int(np.isin(texf.face_field, bare).sum())
+    return [f"{faces} of {len(texf.faces)} faces are over texels and have no voxels: they are not written"] if bare else []
+
+
+def side_names(path: Path, choice: SaveChoice) -> list[str]:
+    """Names of the files beside path, known before the work, but for images that have to be PNG."""
+    stem = path.stem if choice.suffix == ".gltf" else without_blanks(path.stem)
+    count = choice.looks.image_count if choice.looks is not None and choice.suffix != ".glb" else 0
+    form = IMAGE_FORMATS["png" if choice.options.texture_format == AUTO else choice.options.texture_format]
+    images = image_names(stem, [form] * count)
+    if choice.suffix == ".gltf":
+        return [*images, stem + ".bin"]
+    return [*images, stem + ".mtl"] if images else []
+
+
+def image_names(stem: str, forms: list[ImageFormat]) -> list[str]:
+    """Names of images of these formats that go with a mesh file of that stem."""
+    return [stem + ("" if len(forms) == 1 else f"_{number}") + form.suffix for number, form in enumerate(forms)]
+
+
+def without_blanks(stem: str) -> str:
+    """A name as readers of OBJ and MTL take it, which split names at blanks."""
+    return "_".join(stem.split())

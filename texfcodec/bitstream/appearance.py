@@ -14,7 +14,7 @@ from ..scene.scene import Material
 from .syntax import SUPPORT_TEXELS
 
 if TYPE_CHECKING:
-    from .stream import Stream
+    from .stream_values import Stream
 
 
 def material_of(values: dict) -> Material:

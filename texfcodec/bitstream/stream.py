@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..codecs import codec_of_unit
@@ -12,6 +11,7 @@ from ..errors import LimitError, StreamError
 from ..field.extents import octree_depth
 from ..scene.normal_rule import CODED, rule_of
 from .appearance import check_groups, check_level_shift, check_material, faults_of_appearance, needed_groups
+from .stream_values import Stream
 from .syntax import (
     ATTRIBUTE,
     METADATA_JSON,
@@ -34,30 +34,6 @@ if TYPE_CHECKING:
     from ..limits import Limits
     from ..scene.normal_rule import NormalRule
     from .units import Unit
-
-
-@dataclass
-class Stream:
-    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; metadata,
-    sharp_edges and coded_normals or None. skipped: unknown ancillary units that were passed over; vertices, faces: of all
-    geometry units that were read."""
-
-    header: dict
-    materials: list = field(default_factory=list)
-    fields: list = field(default_factory=list)
-    geometry: list = field(default_factory=list)
-    attributes: list = field(default_factory=list)
-    metadata: bytes | None = None
-    skipped: list = field(default_factory=list)
-    sharp_edges: dict | None = None
-    coded_normals: dict | None = None
-    vertices: int = 0
-    faces: int = 0
-
-    @property
-    def joint(self) -> dict | None:
-        """Values of the attribute unit that holds all fields and channel groups together (5.7), None where there is none."""
-        return next((a for a in self.attributes if codec_of_unit(a).joint), None)
 
 
 def write_stream(stream: Stream) -> tuple[bytes, dict[str, int]]:

@@ -61,7 +61,7 @@ class Source(NamedTuple):
     decoded, by field; groups: what is coded; maps: what the maps of materials say, a
     function of (name of a channel, faces int64 [M] that have it, weights of their corners float64 [M, 3], threads) that returns
     float32 [M, C] in 0..255; None where no material has a map; on_pictures: what brings a fit closer to rendered pictures, which
-    this room cannot draw (encoder.optimise.picture_refinement.refine_by_pictures), for codecs that fit."""
+    this room cannot draw (encoder.values.picture_refinement.refine_by_pictures), for codecs that fit."""
 
     scene: Scene
     surface: Surface

@@ -15,7 +15,7 @@ from .payload import Level, Payload, Tables, index_bytes, resident_bytes
 
 if TYPE_CHECKING:
     from ...geometry.geometry_unit import LatticeMesh
-    from .neural_codec import NeuralOptions
+    from .neural_options import NeuralOptions
 
 HIDDEN = (64, 48, 32)
 # Surface grid alone: one level of 32 latents reaches what two of 16 do, with half the look-ups and the index.

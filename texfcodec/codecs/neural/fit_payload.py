@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ...report import Report
     from ...scene.channels import Channel
     from ..base import Source as CodecSource
-    from .neural_codec import NeuralOptions
+    from .neural_options import NeuralOptions
     from .payload import Payload, Tables
 
 HELD_OUT = 1 << 16

@@ -5,7 +5,7 @@ LANES points go side by side, a component a row, so that every inner loop runs a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from ...field.morton import _spread
 
 if TYPE_CHECKING:
     from ...geometry.canonical import CanonicalCube
-    from .payload import Tables
 
 POSITION_BITS = 24  # of a point in the canonical cube
 LOCAL_BITS = 12  # of a point in a latent cell; 8 would cost 0.1 dB where the network is steep
@@ -232,6 +231,16 @@ def fixed_weights(halves: np.ndarray) -> np.ndarray:
     left, right = mantissa << np.maximum(shift, 0), np.maximum(-shift, 1)
     value = np.where(shift >= 0, left, (mantissa + (1 << (right - 1))) >> right)
     return np.where(halves >> 15, -value, value)
+
+
+class Tables(Protocol):
+    """What infer() reads of a field: payload.Tables."""
+
+    components: int
+
+    @property
+    def arrays(self) -> tuple:
+        """Index and network, as _infer() has them."""
 
 
 def infer(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,30 +12,13 @@ from ...core.syntax_walk import Reader, read_structure, write_structure
 from ...errors import InputError, StreamError
 from ...limits import Limits
 from ..base import PROFILES, Evaluator, Group, Joint, JointCodec, Source
+from .neural_options import NeuralOptions
 from .neural_syntax import FORM_RESIDENT, FORM_TRANSPORT, LATENT_LEVEL, NEURAL
 
 if TYPE_CHECKING:
     from ...geometry.geometry_unit import LatticeMesh
     from ...options import DecodeOptions, EncodeOptions
     from ...report import Report
-
-
-@dataclass(frozen=True, kw_only=True)
-class NeuralOptions:
-    """Settings of a fit; each as of EncodeOptions."""
-
-    point: str | None
-    resident_bytes: int | None
-    latent_index: str
-    transport: bool
-    steps: int
-    seed: int
-    checkpoint: str | None
-    fit_engine: str
-    refine: str
-    refine_iterations: int
-    area_threshold: int
-    threads: int
 
 
 class Neural(JointCodec):

@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import StreamError
 from ..base import PROFILES, PlaneCodec, Reading
+from .raht_options import RahtOptions
 from .raht_syntax import CODEWORD, FILTER, RAHT, TRANSFORM_BT709
 
 if TYPE_CHECKING:
     from ...field.texels import TexelSupport
     from ...field.voxels import VoxelSupport
     from ...options import EncodeOptions
-
-
-@dataclass(frozen=True, kw_only=True)
-class RahtOptions:
-    """Settings of an encode; each as of EncodeOptions, but for these: qp_fraction: 0 to less than 1, of a QP, by which coding is
-    coarser than at qp; is_rough: whether it is for an estimate, for which tools are hardly tried."""
-
-    qp: int | None
-    max_error: int | None
-    chroma_qp_offset: int | None
-    effort: str
-    threads: int
-    qp_fraction: float = 0.0
-    is_rough: bool = False
 
 
 class Raht(PlaneCodec):

@@ -20,7 +20,7 @@ from .transform.quantise import step_of
 if TYPE_CHECKING:
     from ...field.texels import TexelSupport
     from ...field.voxels import VoxelSupport
-    from .raht_codec import RahtOptions
+    from .raht_options import RahtOptions
 
 EFFORTS = {"fast": Tools(component_cross=16), "balanced": Tools(colour_range=5, models=8, filters=1, component_cross=16),
            "best": Tools(colour_range=5, models=8, filters=3, component_cross=16)}

@@ -13,7 +13,7 @@ from texfcodec.bitstream.syntax import UNIT_END
 from texfcodec.bitstream.units import read_units, write_unit
 from texfcodec.codecs import plane_codec_of_unit
 from texfcodec.decoder import _decode_plane
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
 from texfcodec.field.voxels import VoxelSupport
 from texfcodec.limits import Limits

@@ -16,7 +16,7 @@ __version__ = "0.9.0"
 if TYPE_CHECKING:
     from .api import decode, encode, encode_to_result, inspect
     from .codecs.base import JointCodec, PlaneCodec
-    from .encoder.pipeline import Encoded
+    from .encoder.write import Encoded
     from .errors import InputError, LimitError, LossWarning, StreamError, SupportError, TexfError
     from .limits import Limits
     from .options import DecodeOptions, EncodeOptions
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 else:
     _HOME = {
         "encode": "api", "encode_to_result": "api", "decode": "api", "inspect": "api", "Texf": "texf",
-        "Encoded": "encoder.pipeline", "Scene": "scene.scene", "PlaneCodec": "codecs.base", "JointCodec": "codecs.base",
+        "Encoded": "encoder.write", "Scene": "scene.scene", "PlaneCodec": "codecs.base", "JointCodec": "codecs.base",
         "EncodeOptions": "options", "DecodeOptions": "options", "Limits": "limits", "Report": "report", "Cancelled": "report",
         "TexfError": "errors", "InputError": "errors", "StreamError": "errors", "LimitError": "errors", "SupportError": "errors",
         "LossWarning": "errors",

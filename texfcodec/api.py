@@ -17,7 +17,7 @@ from .report import SENTENCES, Report
 if TYPE_CHECKING:
     import trimesh
 
-    from .encoder.pipeline import Encoded
+    from .encoder.write import Encoded
     from .scene.scene import Scene
     from .texf import Texf
 
@@ -131,19 +131,19 @@ def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encod
     sentences of the Scene are the caller's to report, and those of the result as well."""
     begin, known = time.perf_counter(), {name: len(getattr(report, name)) for name in SENTENCES}
     if options.target_bytes is not None or options.target_psnr is not None:
-        from .encoder.rate_control import encode_to_target
+        from .encoder.search import encode_to_target
 
         made = encode_to_target(scene, options, report)
     elif options.no_check:
-        from .encoder.pipeline import encode_scene
+        from .encoder.encode import encode_scene
 
         made = encode_scene(scene, options, report)
     else:
-        from .encoder.self_check import encode_checked
+        from .encoder.verify import encode_checked
 
         made = encode_checked(scene, options, report)
     if not (options.no_check or made.check):
-        from .encoder.self_check import check
+        from .encoder.verify import check
 
         check(scene, made, options, report, time.perf_counter() - begin)
     if options.measure and made.psnr_3d is None:

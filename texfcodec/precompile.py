@@ -35,7 +35,7 @@ def compile_encoding() -> None:
 
     from .api import encode_loaded
     from .codecs import codec_of
-    from .encoder.decide.contacts import find_contacts
+    from .encoder.place.contacts import find_contacts
     from .options import DEFAULT_CODEC, EncodeOptions
     from .report import Report
     from .scene.scene import Texture
@@ -107,10 +107,10 @@ def _simplify_small():
     """What an encode of more faces than the small scene has does to its mesh."""
     import numpy as np
 
-    from .encoder.geometry.drawn_source import draw_onto
-    from .encoder.geometry.joint_lattice import joint_lattice
-    from .encoder.geometry.simplify import simplify
-    from .encoder.geometry.vertex_fit import fit_vertices
+    from .encoder.mesh.drawn_source import draw_onto
+    from .encoder.mesh.joint_lattice import joint_lattice
+    from .encoder.mesh.simplify import simplify
+    from .encoder.mesh.vertex_fit import fit_vertices
     from .geometry.canonical import fit_cube
     from .geometry.mesh import Mesh
 

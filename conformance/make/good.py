@@ -15,7 +15,7 @@ from texfcodec.codecs.raht.coefficients.residual import ResidualPlan
 from texfcodec.codecs.raht.raht_syntax import TRANSFORM_BT709
 from texfcodec.codecs.raht.raht_values import coded_of, raht_values
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.field.extents import octree_depth
 from texfcodec.field.voxelise import voxelise
 from texfcodec.geometry.checksum import geometry_crc

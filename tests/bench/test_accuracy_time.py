@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from shapes import painted_sphere
 
-from texfcodec.encoder import source_field
 from texfcodec.encoder.explain import BETTER, BUYS, DOMINATED, SAVES
+from texfcodec.encoder.values import source_field
 from texfcodec.options import RATES, EncodeOptions
 from tools.bench import accuracy_bench, accuracy_time
 from tools.bench.accuracy_bench import Bench, Measured, known_place, place_of, run_settings

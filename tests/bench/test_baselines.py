@@ -265,7 +265,7 @@ def test_a_scene_is_its_own_equal_and_errors_are_told_by_channel():
 
 def test_normals_of_a_payload_are_those_that_a_viewer_shades_with():
     from texfcodec import EncodeOptions, decode
-    from texfcodec.encoder.pipeline import encode_scene
+    from texfcodec.encoder.encode import encode_scene
     from tools.bench.material_quality import map_errors
 
     scene = material_sheet(normal=2)

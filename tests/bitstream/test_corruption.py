@@ -18,7 +18,7 @@ from texfcodec.bitstream.inspect import inspect
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE, UNIT_FIELD, UNIT_GEOMETRY, UNIT_HEADER, UNIT_METADATA
 from texfcodec.bitstream.units import read_units, write_unit
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.errors import StreamError, SupportError
 from texfcodec.field.keyed import keys_crc
 from texfcodec.field.voxelise import voxelise

@@ -35,7 +35,7 @@ def test_people_read_what_the_gpu_keeps_and_what_the_fit_reached(call, mesh, tmp
 
 
 def test_people_read_what_pictures_gained(call, mesh, tmp_path, monkeypatch):
-    from texfcodec.encoder.optimise import picture_refinement
+    from texfcodec.encoder.values import picture_refinement
 
     real, few = picture_refinement.refine_by_pictures, {"iterations": 1, "size": 64}
     monkeypatch.setattr(picture_refinement, "refine_by_pictures", lambda *told, **named: real(*told, **(named | few)))

@@ -9,7 +9,7 @@ from shapes import painted_sphere, scene_of, sphere, square
 from texfcodec import DecodeOptions, EncodeOptions, Limits, decode, encode, encode_to_result, inspect
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.codecs import codec_of
-from texfcodec.encoder.coder import codec_for
+from texfcodec.encoder.values.coder import codec_for
 from texfcodec.field.voxels import VoxelSupport
 from texfcodec.scene.scene import ALPHA_BLEND, Material
 
@@ -30,7 +30,7 @@ def codecs_of(data):
 
 def as_asked(scene, options):
     """The stream without codec constant, and what it decodes to."""
-    with patch("texfcodec.encoder.coder.codec_for", lambda plane, asked: asked):
+    with patch("texfcodec.encoder.values.coder.codec_for", lambda plane, asked: asked):
         return encode(scene, options)
 
 
@@ -105,7 +105,7 @@ def test_constant_alpha_stands_beside_coded_colour():
 def test_one_colour_makes_the_attributes_a_few_bytes():
     scene, options = one_colour(), EncodeOptions(resolution=128, qp=28)
     ours = encode_to_result(scene, options).sizes
-    with patch("texfcodec.encoder.coder.codec_for", lambda plane, asked: asked):
+    with patch("texfcodec.encoder.values.coder.codec_for", lambda plane, asked: asked):
         before = encode_to_result(scene, options).sizes
     assert ours["attributes"] == 6 + 11 <= before["attributes"] // 3  # frame and unit
     assert {name: ours[name] for name in ("geometry", "other")} == {name: before[name] for name in ("geometry", "other")}

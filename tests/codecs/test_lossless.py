@@ -16,8 +16,8 @@ from texfcodec.codecs.raht import attribute_coder
 from texfcodec.codecs.raht.coefficients.residual import MAX_CROSS, ResidualPlan
 from texfcodec.codecs.raht.tool_choice import BASE_QPS
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
-from texfcodec.encoder.pipeline import code, encode_scene
-from texfcodec.encoder.plan import plan
+from texfcodec.encoder.encode import Encoder, encode_scene
+from texfcodec.encoder.write import write
 from texfcodec.errors import StreamError
 from texfcodec.io.load import load
 from texfcodec.limits import Limits
@@ -36,8 +36,8 @@ def sliced(monkeypatch):
 
 def prepared_scene(scene, **choices):
     """(Plan, function from a max_error to the stream)."""
-    prepared = plan(scene, EncodeOptions(max_error=0, threads=2, **choices), Report())
-    return prepared, lambda bound: code(prepared.at(max_error=bound), Report()).data
+    prepared = Encoder(scene=scene).filled(EncodeOptions(max_error=0, threads=2, **choices), Report())
+    return prepared, lambda bound: write(prepared.at(max_error=bound), Report()).data
 
 
 def rgba_of(field):
@@ -90,13 +90,13 @@ def decoded_field(keys, coded, codewords, depth=5, stop=5, threads=1):
 @pytest.mark.parametrize("effort", ["fast", "balanced"])
 def test_lossless_gives_back_every_rounded_colour_and_alpha(effort):
     prepared, code = prepared_scene(shapes.crossing_sheets(), resolution=48, effort=effort)
-    assert (colours(code(0)) == sources(prepared)).all()
+    assert (colours(write(0)) == sources(prepared)).all()
 
 
 def test_lossless_keeps_a_single_voxel():
     prepared, code = prepared_scene(shapes.painted_sphere(), resolution=1)
-    with patch("texfcodec.encoder.coder.codec_for", lambda plane, asked: asked):
-        data = code(0)
+    with patch("texfcodec.encoder.values.coder.codec_for", lambda plane, asked: asked):
+        data = write(0)
     assert read_stream(data, Limits()).attributes[0]["residual"] == 0
     assert (colours(data) == sources(prepared)).all()
 
@@ -105,7 +105,7 @@ def test_no_value_is_further_off_than_the_bound_and_bytes_fall_with_it():
     prepared, code = prepared_scene(shapes.painted_sphere(16), resolution=64, area_threshold=0)
     source, sizes = sources(prepared), []
     for bound in (0, 1, 2, 7):
-        data = code(bound)
+        data = write(bound)
         assert np.abs(colours(data) - source).max() <= bound
         sizes.append(len(data))
     assert sizes == sorted(sizes, reverse=True) and len(set(sizes)) == len(sizes)
@@ -123,13 +123,13 @@ def test_noise_of_full_range_comes_back_within_every_bound(components, delta):
 @pytest.mark.parametrize("bound", [0, 2])
 def test_the_naive_decoder_agrees_on_colour_and_alpha(bound):
     _, code = prepared_scene(shapes.crossing_sheets(), resolution=18, partition="off")
-    assert_naive_agrees(code(bound))
+    assert_naive_agrees(write(bound))
 
 
 @pytest.mark.usefixtures("sliced")
 def test_the_naive_decoder_agrees_with_slices():
     prepared, code = prepared_scene(shapes.crossing_sheets(), resolution=18, partition="off")
-    data = code(1)
+    data = write(1)
     assert read_stream(data, Limits()).attributes[0]["NumSlices"] > 1
     assert_naive_agrees(data)
     assert np.abs(colours(data) - sources(prepared)).max() == 1
@@ -167,7 +167,7 @@ def test_levels_of_detail_are_those_without_residuals():
 
 def test_a_broken_residual_is_found_by_the_checksum():
     _, code = prepared_scene(shapes.painted_sphere(), resolution=24)
-    stream = read_stream(code(0), Limits())
+    stream = read_stream(write(0), Limits())
     stream.attributes[0]["values_crc"] ^= 1
     assert len(decode(write_stream(stream)[0], DecodeOptions(lod=1)).fields[0].keys) > 1
     with pytest.raises(StreamError, match="checksum"):

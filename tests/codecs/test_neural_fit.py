@@ -12,7 +12,7 @@ from texfcodec.codecs.neural.design import POINTS, point_bytes
 from texfcodec.codecs.neural.fit import NO_SLOPE
 from texfcodec.codecs.neural.infer import infer
 from texfcodec.codecs.neural.payload import Tables, join_parameters, split_parameters
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.metrics.psnr_3d import measure
 from texfcodec.precompile import small_scene

@@ -16,9 +16,8 @@ from texfcodec.codecs.neural import fit_samples as samples_module
 from texfcodec.codecs.neural.fit import Fit
 from texfcodec.codecs.neural.fit_samples import Samples, Source, component_weights
 from texfcodec.codecs.neural.payload import Level, Payload, Tables
-from texfcodec.encoder.map_planes import groups_of
-from texfcodec.encoder.pipeline import encode_scene
-from texfcodec.encoder.plan import plan
+from texfcodec.encoder.encode import Encoder, encode_scene
+from texfcodec.encoder.values.map_planes import groups_of
 from texfcodec.geometry.areas import sample_surface
 from texfcodec.geometry.surface import make_surface
 from texfcodec.report import Report
@@ -54,7 +53,7 @@ def two_sheets(normal=None, data=None, base=None):
 
 def source_of(scene, **settings):
     """What a joint codec is handed of a scene."""
-    return plan(scene, EncodeOptions(**{**OPTIONS, **settings}), Report()).source
+    return Encoder(scene=scene).filled(EncodeOptions(**{**OPTIONS, **settings}), Report()).source
 
 
 def places_on(source, count=2000):

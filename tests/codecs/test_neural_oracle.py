@@ -36,7 +36,7 @@ from texfcodec.codecs.neural.neural_syntax import NEURAL
 from texfcodec.codecs.neural.payload import Level, Payload, Tables, dec_codes, payload_of, payload_values
 from texfcodec.codecs.neural.transport import dec_transport
 from texfcodec.core.syntax_walk import write_structure
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.precompile import small_scene
 
 COLOUR = {"num_semantics": 1, "group_semantics": [0], "group_components": 3}

@@ -9,9 +9,9 @@ from texfcodec.codecs.neural import fit_samples as samples_module
 from texfcodec.codecs.neural.design import choose_design
 from texfcodec.codecs.neural.fit import Fit
 from texfcodec.codecs.neural.fit_samples import Source
-from texfcodec.encoder.map_planes import groups_of
-from texfcodec.encoder.optimise import picture_refinement, pictures
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.values import picture_refinement, pictures
+from texfcodec.encoder.values.map_planes import groups_of
 from texfcodec.errors import InputError
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions

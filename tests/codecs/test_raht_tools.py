@@ -39,7 +39,7 @@ from texfcodec.codecs.raht.transform.planar_rings import PLANAR_TAPS
 from texfcodec.codecs.raht.transform.prediction import FALLOFF, _falloff, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_MEAN, step_of
 from texfcodec.core.kernel import PACKAGE, fingerprint
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.field.morton import decode_morton, encode_morton
 from texfcodec.limits import Limits
 from texfcodec.options import EncodeOptions
@@ -256,7 +256,7 @@ def source(models, filters, resolution=17, max_error=None, slices=False):
     options = EncodeOptions(resolution=resolution, qp=qp, max_error=max_error, effort="fast", partition="off")
     cut = patch.multiple(attribute_coder, WHOLE_VOXELS=whole, SLICE_VOXELS=60, SLICE_NODES=4)
     tools = patch.dict(tool_choice.EFFORTS, fast=Tools(colour_range=255, models=models))
-    with cut, tools, patch("texfcodec.encoder.coder.codec_for", lambda plane, asked: asked):
+    with cut, tools, patch("texfcodec.encoder.values.coder.codec_for", lambda plane, asked: asked):
         data = encode_scene(crossing_sheets(), options).data
     stream, keys = read_stream(data, Limits()), decode(data).fields[0].keys.tolist()
     for unit in stream.attributes:

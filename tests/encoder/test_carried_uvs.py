@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from texfcodec.encoder.geometry.carried_uvs import carried_uvs
-from texfcodec.encoder.geometry.seams import seam_edges
-from texfcodec.encoder.geometry.simplify import simplify
+from texfcodec.encoder.mesh.carried_uvs import carried_uvs
+from texfcodec.encoder.mesh.crease_edges import seam_edges
+from texfcodec.encoder.mesh.simplify import simplify
 from texfcodec.geometry.areas import sample_surface
 from texfcodec.geometry.mesh import Mesh, points_at
 

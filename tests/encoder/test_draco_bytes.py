@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from analytic import grid_mesh
 
-from texfcodec.encoder.estimates import draco_bytes as room
-from texfcodec.encoder.estimates.draco_bytes import draco_bytes
+from texfcodec.encoder.mesh import draco_bytes as room
+from texfcodec.encoder.mesh.draco_bytes import draco_bytes
 
 BITS = 12
 

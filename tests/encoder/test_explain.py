@@ -6,8 +6,8 @@ import pytest
 from shapes import painted_sphere
 
 from texfcodec.cli.explain_lines import explain_lines
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.encoder.explain import ENCODES, changed, explain_time, neighbours_of, per_second, percent_of, verdict
-from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.limits import Limits
 from texfcodec.metrics.bd_rate import difference_at
 from texfcodec.options import EncodeOptions

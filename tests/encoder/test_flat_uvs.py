@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from texfcodec import EncodeOptions, decode
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.io.load import load
 from texfcodec.render.lit_scene import SceneMaps
 from texfcodec.render.tangent_frames import tangent_space_normals

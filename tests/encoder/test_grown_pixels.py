@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
 
-from texfcodec.encoder.estimates.position_error import _grown
+from texfcodec.encoder.mesh.picture_error import _grown
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (7, 1), (8, 5), (40, 31)])

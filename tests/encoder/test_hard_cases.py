@@ -5,7 +5,7 @@ import pytest
 from shapes import crossing_sheets, painted_sphere, scene_of, shuffled, sphere, square, triangles_of
 
 from texfcodec.api import decode, encode, encode_to_result
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.errors import InputError, LimitError
 from texfcodec.field.morton import decode_morton, encode_morton
 from texfcodec.field.voxelise import voxelise

@@ -10,7 +10,7 @@ from shapes import mapped_sheet, noise, plain_image
 
 from texfcodec.api import decode, encode
 from texfcodec.bitstream.stream import read_stream, write_stream
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.errors import InputError, StreamError, TexfError
 from texfcodec.limits import Limits
 from texfcodec.options import EncodeOptions

@@ -6,8 +6,8 @@ from dense_matrix import dense
 from rough_meshes import grid, rough
 from shapes import sphere, square
 
-from texfcodec.encoder.geometry.joint_lattice import REACH, joint_lattice
-from texfcodec.encoder.geometry.vertex_fit import own_fit
+from texfcodec.encoder.mesh.joint_lattice import REACH, joint_lattice
+from texfcodec.encoder.mesh.vertex_fit import own_fit
 from texfcodec.geometry.canonical import fit_cube
 from texfcodec.geometry.mesh import Mesh
 from texfcodec.metrics.surface_distance import surface_distance

@@ -9,15 +9,17 @@ from shapes import scene_of, sphere
 from walls import smooth_image, wall
 
 from texfcodec import EncodeOptions, decode
-from texfcodec.encoder.decide.lattice import usual_surface
-from texfcodec.encoder.decide.supports import _plan
-from texfcodec.encoder.decide.texel_images import brought_near, image_groups
-from texfcodec.encoder.estimates.probe import TEXEL_CELL, Patch, Probe, probe_texels
-from texfcodec.encoder.geometry.small_parts import small_parts
-from texfcodec.encoder.pipeline import _collapsed, encode_scene
-from texfcodec.encoder.rd import MOST_SHORT, RateDistortion
-from texfcodec.encoder.self_check import _advice, encode_checked, promised_psnr
-from texfcodec.encoder.texel_field import covered_texels
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.mesh.small_parts import small_parts
+from texfcodec.encoder.prepare.reference_lattice import reference_surface
+from texfcodec.encoder.price import Lagrangian
+from texfcodec.encoder.supports.choice import _plan
+from texfcodec.encoder.supports.image_groups import brought_near, image_groups
+from texfcodec.encoder.supports.probe import TEXEL_CELL, SampleRegion, TrialCoding, probe_texels
+from texfcodec.encoder.supports.texel_plan import covered_texels
+from texfcodec.encoder.supports.trial import MOST_SHORT
+from texfcodec.encoder.verify import _advice, encode_checked, promised_psnr
+from texfcodec.encoder.write import _collapsed
 from texfcodec.field.texels import TexelSupport
 from texfcodec.geometry.canonical import MAX_BITS
 from texfcodec.geometry.surface import make_surface
@@ -74,9 +76,9 @@ def test_a_probe_is_right_where_detail_stands_on_little_of_the_surface():
     centre = scene.corner_uv[~small].mean(axis=1, keepdims=True)
     scene.corner_uv[~small] = 0.02 + centre * [0.3, 0.3] + (scene.corner_uv[~small] - centre) * 0.05
     options = EncodeOptions(rate="r03")
-    surface, rd = make_surface(scene, options), RateDistortion.of(options)
+    surface, rd = make_surface(scene, options), Lagrangian.of(options)
     (group,) = image_groups(scene, surface)
-    plan, patch = _plan(group, group.size), Patch(scene, surface, group.faces, 1)
+    plan, patch = _plan(group, group.size), SampleRegion(scene, surface, group.faces, 1)
     uv = plan.corner_uv().reshape(-1, 2)
     keys = covered_texels(plan, uv, np.arange(len(uv)).reshape(-1, 3), None, None)
     made = probe_texels(patch, plan, keys, TEXEL_CELL, rd.planes)
@@ -88,7 +90,8 @@ def test_a_probe_is_right_where_detail_stands_on_little_of_the_surface():
 
 
 def test_a_probe_at_another_qp_follows_its_slopes():
-    probe = Probe(1000, 2.0, 10.0, qp_offset=1, uncoded=2.0, slopes=(0.25, 0.25), maps={"normal": Probe(10, 1.0, 1.0)})
+    probe = TrialCoding(1000, 2.0, 10.0, qp_offset=1, uncoded=2.0, slopes=(0.25, 0.25),
+                        maps={"normal": TrialCoding(10, 1.0, 1.0)})
     coarser = probe.at(4)
     assert (coarser.bits, coarser.mse, coarser.qp_offset) == (1.0, 18.0, 5)
     assert coarser.maps["normal"].bits == 1.0 and probe.at(0).mse == probe.mse
@@ -106,9 +109,9 @@ def test_a_small_part_keeps_its_texture_and_its_faces(ground):
 @pytest.mark.parametrize(("ground", "bits"), [(20.0, 14), (20000.0, 18)])
 def test_the_lattice_is_as_fine_as_the_smallest_part_needs(ground, bits):
     scene = statue_on_a_ground(ground)
-    surface = usual_surface(scene, EncodeOptions())
+    surface = reference_surface(scene, EncodeOptions())
     assert bits <= surface.cube.position_bits <= (14 if bits == 14 else MAX_BITS)
-    assert usual_surface(scene, EncodeOptions(position_bits=12)).cube.position_bits == 12
+    assert reference_surface(scene, EncodeOptions(position_bits=12)).cube.position_bits == 12
 
 
 def test_small_parts_are_found_beside_what_is_large_and_nowhere_else():

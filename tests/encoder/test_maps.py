@@ -8,10 +8,10 @@ from shapes import mapped_sheet, noise, plain_image
 
 from texfcodec.api import decode
 from texfcodec.codecs.base import Group
-from texfcodec.encoder.decide.texel_images import image_groups
-from texfcodec.encoder.map_planes import groups_of, joined, with_grey
-from texfcodec.encoder.pipeline import encode_scene
-from texfcodec.encoder.shown_maps import turn_of, turned
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.supports.image_groups import image_groups
+from texfcodec.encoder.values.map_planes import groups_of, joined, with_grey
+from texfcodec.encoder.values.shown_maps import turn_of, turned
 from texfcodec.field.texels import TexelSupport
 from texfcodec.geometry.shading_normals import corner_normals
 from texfcodec.geometry.surface import make_surface

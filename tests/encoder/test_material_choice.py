@@ -1,4 +1,4 @@
-"""encoder/decide/materials.py: what of its materials a scene needs, decided by values, and what the report says of it."""
+"""encoder/prepare/materials.py: what of its materials a scene needs, decided by values, and what the report says of it."""
 
 import time
 from dataclasses import replace
@@ -9,8 +9,8 @@ import pytest
 from shapes import mapped_sheet, noise, plain_image, scene_of
 
 from texfcodec.api import decode
-from texfcodec.encoder.decide.materials import needed_scene
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.prepare.materials import needed_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions

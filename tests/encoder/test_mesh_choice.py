@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from texfcodec.api import decode, encode_to_result
-from texfcodec.encoder.decide.mesh import MeshChoice
-from texfcodec.encoder.estimates import usual_values
-from texfcodec.encoder.estimates.position_error import SMOOTH, Moved
-from texfcodec.encoder.geometry.drawn_source import FetchedNormals, draw_onto
-from texfcodec.encoder.memo import Memo
-from texfcodec.encoder.rd import RateDistortion
+from texfcodec.encoder.caches import Cache
+from texfcodec.encoder.mesh.choice import MeshChoice, MeshRequest
+from texfcodec.encoder.mesh.drawn_source import FetchedNormals, draw_onto
+from texfcodec.encoder.mesh.picture_error import SMOOTH, PictureError
+from texfcodec.encoder.price import Lagrangian
+from texfcodec.encoder.supports import reference_density
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube, finer_cube
 from texfcodec.geometry.mesh import Mesh
@@ -64,7 +64,7 @@ def test_facets_stay_facets():
     seen = []
     for rule in (FLAT, SMOOTH):
         scene.corner_normal = corner_normals(usual.lattice, usual.faces, [rule])
-        choice = MeshChoice(scene, usual, RateDistortion.of(options), options, 1.0, Memo())
+        choice = MeshChoice(scene, usual, Lagrangian.of(options), MeshRequest.of(options), 1.0, Cache())
         candidate = choice._meshes(usual, np.zeros(len(usual.faces), np.int64), False).look(4, 12)
         surface = candidate.sent.surface
         own = corner_normals(surface.lattice, surface.faces, [rule])
@@ -77,12 +77,12 @@ def test_facets_stay_facets():
 def test_more_bits_are_taken_by_what_is_seen_at_each(monkeypatch):
     """The error does not fall evenly where layers lie close: a peak at 16 bits hides nothing behind it."""
     scene, seen = bowl(24), {14: 3.0, 15: 2.5, 16: 8.0, 17: 0.1, 18: 0.1, 19: 0.1, 20: 0.1}
-    look = lambda self, surface: Moved(seen[surface.cube.position_bits], 0.0, 0.0)
+    look = lambda self, surface: PictureError(seen[surface.cube.position_bits], 0.0, 0.0)
     monkeypatch.setattr(MeshChoice, "look_at", look)
-    monkeypatch.setattr(RateDistortion, "byte", 1e-4)
+    monkeypatch.setattr(Lagrangian, "byte", 1e-4)
     options = EncodeOptions(rate="r03")
     usual = make_surface(scene, options)
-    finer = MeshChoice(scene, usual, RateDistortion.of(options), options, 1.0, Memo()).finer()
+    finer = MeshChoice(scene, usual, Lagrangian.of(options), MeshRequest.of(options), 1.0, Cache()).finer()
     assert finer.cube.position_bits == 17
 
 
@@ -140,7 +140,7 @@ def test_tangents_go_with_the_faces_and_keep_their_side_of_the_image():
     along = np.cross(np.array([0.6, 0.8, 0.0]), scene.corner_normal)
     along /= np.linalg.norm(along, axis=2, keepdims=True)
     scene.corner_tangent = np.concatenate([along, np.full((*along.shape[:2], 1), -1.0)], axis=2).astype(np.float32)
-    choice = MeshChoice(scene, usual, RateDistortion.of(options), options, 1.0, Memo())
+    choice = MeshChoice(scene, usual, Lagrangian.of(options), MeshRequest.of(options), 1.0, Cache())
     sent = choice._meshes(usual, np.zeros(len(usual.faces), np.int64), True).look(4, 12).sent.scene
     wanted = np.cross(np.array([0.6, 0.8, 0.0]), sent.corner_normal)
     wanted /= np.linalg.norm(wanted, axis=2, keepdims=True)
@@ -196,5 +196,5 @@ def test_colours_that_take_next_to_nothing_do_not_sell_the_mesh(monkeypatch):
     scene.corner_uv = np.repeat(spots, 3, axis=1)
     bits = [decode(encoded(scene, support="auto", rate=rate).data).position_bits for rate in ("r01", "r04")]
     assert 14 <= bits[1] >= bits[0]
-    monkeypatch.setattr(usual_values, "LEAST_K", 1)
+    monkeypatch.setattr(reference_density, "LEAST_K", 1)
     assert decode(encoded(scene, support="auto", rate="r04").data).position_bits < 14

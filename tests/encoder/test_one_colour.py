@@ -8,11 +8,11 @@ import pytest
 from shapes import scene_of, sphere, square
 
 from texfcodec import EncodeOptions, Report, decode
-from texfcodec.encoder.decide.one_colour import material_colours, one_colour
-from texfcodec.encoder.decide.supports import COARSEST_K
-from texfcodec.encoder.pipeline import encode_scene
-from texfcodec.encoder.rate_control import encode_to_target
-from texfcodec.encoder.self_check import encode_checked
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.prepare.uniform_colour import material_colours, uniform_colour
+from texfcodec.encoder.search import encode_to_target
+from texfcodec.encoder.supports.choice import COARSEST_K
+from texfcodec.encoder.verify import encode_checked
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import RATES
 from texfcodec.scene.channels import BASE_COLOUR
@@ -49,7 +49,7 @@ def half_image(size=64):
 def colour_of(scene):
     """What a scene's materials all show; None where they differ."""
     surface = make_surface(scene, EncodeOptions())
-    return one_colour(material_colours(scene, surface), surface.material)
+    return uniform_colour(material_colours(scene, surface), surface.material)
 
 
 @pytest.fixture
@@ -58,10 +58,10 @@ def nothing_probed(monkeypatch):
     def refuse(*_, **__):
         raise AssertionError("one colour was probed")
 
-    for place in ("encoder.estimates.probe.Patch.__init__", "encoder.optimise.surface_fit.FieldSurface.sample",
-                  "encoder.estimates.probe.probe_voxels", "encoder.estimates.probe.probe_texels",
-                  "encoder.estimates.partition_error.uncoded_errors",
-                  "encoder.source_field.transfer", "encoder.optimise.refinement.fit_surface"):
+    for place in ("encoder.supports.probe.SampleRegion.__init__", "encoder.values.surface_fit.FieldSurface.sample",
+                  "encoder.supports.probe.probe_voxels", "encoder.supports.probe.probe_texels",
+                  "encoder.place.partition_error.uncoded_errors",
+                  "encoder.values.source_field.transfer", "encoder.values.refinement.fit_surface"):
         monkeypatch.setattr(f"texfcodec.{place}", refuse)
 
 
@@ -175,7 +175,7 @@ def test_the_check_draws_one_colour_only_where_it_has_normals_of_its_own(has_nor
 
 @pytest.mark.parametrize("target", [{"target_bytes": 100_000}, {"target_psnr": 40.0}])
 def test_a_target_takes_one_trial_where_no_qp_changes_anything(nothing_probed, monkeypatch, target):
-    monkeypatch.setattr("texfcodec.encoder.rate_control.SEARCH_SAMPLES", 20_000)
+    monkeypatch.setattr("texfcodec.encoder.search.SEARCH_SAMPLES", 20_000)
     made = encode_to_target(red_ball(), EncodeOptions(threads=1, **target), Report())
     assert len(made.choices["search"]) == 1
 

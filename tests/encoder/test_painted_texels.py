@@ -5,8 +5,8 @@ import pytest
 from test_turned_maps import grid
 
 from texfcodec import EncodeOptions, decode
-from texfcodec.encoder.decide.texel_images import image_groups
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.supports.image_groups import image_groups
 from texfcodec.geometry.surface import make_surface
 from texfcodec.scene.fetch import pack_source, sample_source
 

@@ -7,8 +7,8 @@ import pytest
 from shapes import scene_of
 
 from texfcodec.api import decode, encode
-from texfcodec.encoder.decide import contacts
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.place import contacts
 from texfcodec.errors import InputError
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions

@@ -12,10 +12,11 @@ from shapes import painted_sphere
 from texfcodec import EncodeOptions, InputError, Report, decode, inspect
 from texfcodec.api import encode_loaded
 from texfcodec.codecs.base import Group
-from texfcodec.encoder.memo import Memo
-from texfcodec.encoder.pipeline import code, encode_scene
-from texfcodec.encoder.plan import OverBudget, least_bytes, plan
-from texfcodec.encoder.rate_control import (
+from texfcodec.encoder.caches import Caches
+from texfcodec.encoder.dry_run import estimate
+from texfcodec.encoder.encode import Encoder, encode_scene
+from texfcodec.encoder.place.stage import OverBudget
+from texfcodec.encoder.search import (
     FIRST_QP,
     GAP,
     LAST_QP,
@@ -26,10 +27,11 @@ from texfcodec.encoder.rate_control import (
     Trial,
     _Search,
     encode_to_target,
-    estimate,
+    least_bytes,
     next_place,
     slope_of,
 )
+from texfcodec.encoder.write import write
 from texfcodec.metrics.psnr_3d import measure
 from texfcodec.metrics.views import Look, compare_views
 from texfcodec.render.environment import DAYLIGHT
@@ -41,7 +43,7 @@ SAMPLES = 20_000
 
 @pytest.fixture(autouse=True)
 def fewer_samples(monkeypatch):
-    monkeypatch.setattr("texfcodec.encoder.rate_control.SEARCH_SAMPLES", SAMPLES)
+    monkeypatch.setattr("texfcodec.encoder.search.SEARCH_SAMPLES", SAMPLES)
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +112,7 @@ def test_a_target_between_what_two_plans_reach_is_met_by_the_better_one(sheet, m
     def plan_of(search, qp, report):
         made.append(qp)
         coder = SimpleNamespace(planes=SimpleNamespace(has_fractions=True))
-        return SimpleNamespace(loss=4.0 * (qp >= jump), one_colour=False, rd=coder)
+        return SimpleNamespace(loss=4.0 * (qp >= jump), is_uniform=False, price=coder)
 
     def encode(search, planned, qp, planning):
         encoded = SimpleNamespace(sizes={"total": round(1e5 * 2 ** (-qp / 6) / (1 + planned.loss))}, data=b"", values=[])
@@ -137,18 +139,19 @@ def test_what_a_psnr_is_of_needs_a_psnr():
 
 
 def test_a_fraction_of_a_qp_is_between_two_qps(ribbon):
-    planned = plan(ribbon, EncodeOptions(qp=FIRST_QP, support="texels"), Report())
-    sizes = [code(planned.between(FIRST_QP + part), Report()).sizes["attributes"] for part in (0, 0.3, 0.7, 1)]
+    planned = Encoder(scene=ribbon).filled(EncodeOptions(qp=FIRST_QP, support="texels"), Report())
+    sizes = [write(planned.between(FIRST_QP + part), Report()).sizes["attributes"] for part in (0, 0.3, 0.7, 1)]
     assert sizes[0] > sizes[2] > sizes[3] and sizes[3] < sizes[1] < 1.005 * sizes[0]  # a third of a step may be lost in the noise
-    assert sizes[0] == code(planned, Report()).sizes["attributes"]
+    assert sizes[0] == write(planned, Report()).sizes["attributes"]
 
 
 @pytest.mark.parametrize("qp", [24, 33])
-def test_a_plan_is_the_same_with_what_others_have_left_in_the_memo(qp):
-    scene, memo = painted_sphere(16), Memo()
-    plan(scene, EncodeOptions(qp=FIRST_QP), Report(), memo=memo)
-    plans = [plan(scene, EncodeOptions(qp=qp), Report(), memo=one) for one in (memo, None)]
-    assert len({code(one, Report()).data for one in plans}) == 1
+def test_a_plan_is_the_same_with_what_others_have_left_in_the_caches(qp):
+    scene = painted_sphere(16)
+    encoder = Encoder(scene=scene, caches=Caches.of_search())
+    encoder.filled(EncodeOptions(qp=FIRST_QP), Report())
+    plans = [one.filled(EncodeOptions(qp=qp), Report()) for one in (encoder, Encoder(scene=scene))]
+    assert len({write(one, Report()).data for one in plans}) == 1
 
 
 @pytest.mark.slow
@@ -187,7 +190,7 @@ def test_a_budget_that_geometry_takes_up_is_seen_before_colours_are_brought_over
     """Where the first look leaves doubt, geometry as it is coded decides."""
     report, options = Report(), EncodeOptions(rate="r03", support="voxels", position_bits=14)
     with pytest.raises(OverBudget) as raised:
-        plan(ribbon, options, report, budget=least_bytes(ribbon, options)[1])
+        Encoder(scene=ribbon).filled(options, report, budget=least_bytes(ribbon, options)[1])
     assert raised.value.geometry == least_bytes(ribbon, options)[1]
     assert "geometry" in report.seconds and not {"voxelise", "transfer", "refine"} & set(report.seconds)
 

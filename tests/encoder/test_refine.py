@@ -5,10 +5,11 @@ import pytest
 from scipy.sparse import csr_matrix
 from shapes import painted_sphere, scene_of
 
-from texfcodec.encoder.optimise import inverse_render
-from texfcodec.encoder.optimise.inverse_render import Pictures, View, held_out, refine_by_rendering
-from texfcodec.encoder.optimise.pictures import keep_best
-from texfcodec.encoder.optimise.surface_fit import (
+from texfcodec.encoder.encode import Encoder, encode_scene
+from texfcodec.encoder.values import inverse_render
+from texfcodec.encoder.values.inverse_render import Pictures, View, held_out, refine_by_rendering
+from texfcodec.encoder.values.pictures import keep_best
+from texfcodec.encoder.values.surface_fit import (
     DAMPING,
     HELD_OUT,
     HELD_OUT_SEED,
@@ -16,8 +17,6 @@ from texfcodec.encoder.optimise.surface_fit import (
     _normal_equations,
     fit_surface,
 )
-from texfcodec.encoder.pipeline import encode_scene
-from texfcodec.encoder.plan import plan
 from texfcodec.field.grid import build_brick_map
 from texfcodec.options import EncodeOptions
 from texfcodec.report import Report
@@ -27,7 +26,7 @@ from texfcodec.scene.fetch import pack_source
 def surfaces_of(scene, resolution, **choices):
     """(FieldSurfaces, transfer colours) of a scene, in field order."""
     options = EncodeOptions(resolution=resolution, qp=28, refine="off", **choices)
-    made = plan(scene, options, Report())
+    made = Encoder(scene=scene).filled(options, Report())
     found = []
     for i, field in enumerate(made.fields):
         mine = made.source.face_field == i
@@ -104,8 +103,8 @@ def test_condition_number_on_slivers_and_lonely_voxels_keeps_its_bound():
 
 
 def test_a_fit_that_is_worse_is_not_kept(sample_scene, monkeypatch):
-    from texfcodec.encoder import source_field as preparing
-    from texfcodec.encoder.optimise import refinement
+    from texfcodec.encoder.values import refinement
+    from texfcodec.encoder.values import source_field as preparing
 
     monkeypatch.setattr(preparing, "FITTED_DENSITY", preparing.TRANSFER_DENSITY["balanced"])
     monkeypatch.setattr(refinement, "fit_surface", lambda surface, colour, *_, **__: 255 - colour)

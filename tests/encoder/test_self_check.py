@@ -10,11 +10,11 @@ from walls import boxes, smooth_image, wall
 
 from texfcodec import EncodeOptions, InputError, LimitError, Report, decode
 from texfcodec.api import encode_loaded, encode_to_result
-from texfcodec.encoder import pipeline
-from texfcodec.encoder.coder import Coder
-from texfcodec.encoder.estimates import uv_rounding
-from texfcodec.encoder.memo import MemoOfParts
-from texfcodec.encoder.self_check import Miss, _most_bytes, misses, promised_psnr, warnings_of
+from texfcodec.encoder.caches import Caches
+from texfcodec.encoder.encode import Encoder
+from texfcodec.encoder.supports import choice
+from texfcodec.encoder.values.coder import Coder
+from texfcodec.encoder.verify import Miss, _most_bytes, misses, promised_psnr, warnings_of
 from texfcodec.metrics.psnr_3d import measure
 from texfcodec.options import RATES
 from texfcodec.scene.scene import ALPHA_BLEND, Material, Texture
@@ -50,14 +50,14 @@ def test_the_check_has_the_figures_of_a_decoder_and_names_the_worst_part():
 def test_values_that_the_time_allows_are_decoded_from_the_stream_and_all_have_their_checksum_compared(monkeypatch):
     scene = noisy_wall(5)
     for share, decoded in ((1e9, 2), (0.0, 0)):
-        monkeypatch.setattr("texfcodec.encoder.self_check.SHARE", share)
+        monkeypatch.setattr("texfcodec.encoder.verify.SHARE", share)
         made = encode_loaded(scene, EncodeOptions(rate="r03", support="texels"), Report())
         assert made.check["decoded_units"] == [decoded, 2]
 
 
 def test_a_part_that_came_out_wrong_is_coded_again_finer(monkeypatch):
     scene, report = boxes(), Report()
-    monkeypatch.setattr(uv_rounding, "rounding_errors", lambda *_: np.zeros(9))  # UVs in whole texels, 16 dB
+    monkeypatch.setattr(choice, "rounding_errors", lambda *_: np.zeros(9))  # UVs in whole texels, 16 dB
     assert encode_to_result(scene, EncodeOptions(rate="r03", no_check=True)).check is None
     made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
     assert made.check["rgb"] is None and not report.warnings
@@ -66,15 +66,16 @@ def test_a_part_that_came_out_wrong_is_coded_again_finer(monkeypatch):
 
 @pytest.mark.parametrize("support", ["auto", "texels"])
 def test_what_a_second_coding_takes_from_the_first_is_what_it_would_make_itself(support, monkeypatch):
-    scene, options, memo, coded = noisy_wall(20, n=16), EncodeOptions(rate="r03", support=support), MemoOfParts(), []
+    scene, options, coded = noisy_wall(20, n=16), EncodeOptions(rate="r03", support=support), []
+    encoder = Encoder(scene=scene, caches=Caches.of_second_try())
     code = Coder.code
     monkeypatch.setattr(Coder, "code", lambda *given: coded.append(given) or code(*given))
-    pipeline.encode_scene(scene, options, memo=memo)
+    encoder.encode(options, Report())
     for finer in ({0}, {1}):
         coded.clear()
-        again, taken = pipeline.encode_scene(scene, options, finer=frozenset(finer), memo=memo), len(coded)
+        again, taken = encoder.encode(options, Report(), frozenset(finer)), len(coded)
         coded.clear()
-        assert again.data == pipeline.encode_scene(scene, options, finer=frozenset(finer)).data
+        assert again.data == Encoder(scene=scene).encode(options, Report(), frozenset(finer)).data
         assert taken < len(coded)
 
 
@@ -126,14 +127,14 @@ def test_a_speck_that_came_out_wrong_does_not_cost_the_whole_stream_half_its_byt
 
 def test_a_second_coding_over_a_limit_leaves_the_first_and_its_warning(monkeypatch):
     """Finer voxels may be more than a limit allows that the first coding kept."""
-    scene, first = noisy_wall(60), pipeline.encode_scene
+    scene, first = noisy_wall(60), Encoder.encode
 
-    def limited(scene, options, report, finer=frozenset(), memo=None):
+    def limited(encoder, options, report, finer=frozenset()):
         if finer:
             raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=2, allowed=1)
-        return first(scene, replace(options, support="voxels"), report)
+        return first(encoder, replace(options, support="voxels"), report)
 
-    monkeypatch.setattr("texfcodec.encoder.pipeline.encode_scene", limited)
+    monkeypatch.setattr(Encoder, "encode", limited)
     report = Report()
     made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
     assert made.data and any("part 'noisy' has" in text for text in report.warnings)

@@ -6,9 +6,9 @@ from rough_meshes import grid, rough, torus
 from shapes import sphere, square
 from slow_collapses import collapses
 
-from texfcodec.encoder.geometry.seams import seam_edges, sharp_edges
-from texfcodec.encoder.geometry.simplify import simplify
-from texfcodec.encoder.geometry.topology import undirected
+from texfcodec.encoder.mesh.crease_edges import seam_edges, sharp_edges
+from texfcodec.encoder.mesh.simplify import simplify
+from texfcodec.encoder.mesh.topology import undirected
 from texfcodec.geometry.mesh import Mesh
 
 

@@ -11,10 +11,10 @@ from PIL import Image
 from walls import boxes, smooth_image, wall
 
 from texfcodec import EncodeOptions, Report, decode
-from texfcodec.encoder.decide.lost_detail import without_lost_detail
-from texfcodec.encoder.decide.spending import LEAST_SAVED, CodedUnit, has_few_colours, spend
-from texfcodec.encoder.pipeline import encode_scene
-from texfcodec.encoder.rd import RateDistortion
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.place.prefilter_textures import prefilter_textures
+from texfcodec.encoder.price import Lagrangian
+from texfcodec.encoder.values.unit_qp import LEAST_SAVED, CodedUnit, choose_qp, has_few_colours
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.load import load
 from texfcodec.metrics.psnr_3d import measure
@@ -127,10 +127,10 @@ def test_images_that_texels_need_keep_their_detail_where_voxels_share_them():
     scene = wall(smooth_image(64, 64, 3), n=8)
     surface = make_surface(scene, EncodeOptions())
     over = np.ones(len(surface.faces), bool)
-    assert without_lost_detail(scene, surface, over, 1).textures[0].image.shape == (16, 16, 4)
-    assert without_lost_detail(scene, surface, over, 64).textures[0].image.shape == (64, 64, 4)
+    assert prefilter_textures(scene, surface, over, 1).textures[0].image.shape == (16, 16, 4)
+    assert prefilter_textures(scene, surface, over, 64).textures[0].image.shape == (64, 64, 4)
     over[0] = False
-    assert without_lost_detail(scene, surface, over, 1).textures[0] is scene.textures[0]
+    assert prefilter_textures(scene, surface, over, 1).textures[0] is scene.textures[0]
 
 
 def test_a_small_share_of_a_jpeg_does_not_take_the_quality_of_a_small_unit():
@@ -142,10 +142,10 @@ def test_a_small_share_of_a_jpeg_does_not_take_the_quality_of_a_small_unit():
         tried.append(coder.qp)
         return CodedUnit(codec=None, values={}, bytes=size, plane=plane, decoded=np.zeros((400, 3), np.uint8))
 
-    coder = RateDistortion.of(EncodeOptions(rate="r03")).planes
+    coder = Lagrangian.of(EncodeOptions(rate="r03")).planes
     small = code(coder, 60)
-    assert spend(small, code, coder, 10_000, 20.0).value is small
-    assert spend(code(coder), code, coder, 10_000, 20.0).evidence["qp"] == max(tried) == 28 + 18
+    assert choose_qp(small, code, coder, 10_000, 20.0).value is small
+    assert choose_qp(code(coder), code, coder, 10_000, 20.0).evidence["qp"] == max(tried) == 28 + 18
 
 
 def test_what_an_image_file_allows_is_the_same_quality_from_any_rate():
@@ -156,8 +156,8 @@ def test_what_an_image_file_allows_is_the_same_quality_from_any_rate():
         size = round(11_549 * 2 ** (-0.155 * (coder.qp - 23.1)))
         return CodedUnit(codec=None, values={}, bytes=size, plane=plane, decoded=np.zeros((400, 3), np.uint8))
 
-    coder, found = RateDistortion.of(EncodeOptions(rate="r03")).planes, []
+    coder, found = Lagrangian.of(EncodeOptions(rate="r03")).planes, []
     for qp in range(16, 26):
         at = coder.at(qp=qp)
-        found.append(spend(code(at), code, at, 1.0, 11_549.0).evidence.get("qp", qp))
+        found.append(choose_qp(code(at), code, at, 1.0, 11_549.0).evidence.get("qp", qp))
     assert found == [23] * 8 + [24, 25]

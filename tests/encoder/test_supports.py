@@ -10,11 +10,14 @@ from walls import smooth_image, wall
 
 from texfcodec import EncodeOptions, InputError, LimitError, Limits, decode
 from texfcodec.codecs import codec_of
-from texfcodec.encoder.decide import supports
-from texfcodec.encoder.decide.one_colour import material_colours
-from texfcodec.encoder.decide.supports import FINER_COST, choose_supports
-from texfcodec.encoder.pipeline import encode_scene
-from texfcodec.encoder.rd import RateDistortion
+from texfcodec.encoder.caches import Caches
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.prepare.uniform_colour import material_colours
+from texfcodec.encoder.price import Lagrangian
+from texfcodec.encoder.stages import Prepared
+from texfcodec.encoder.supports import choice as supports
+from texfcodec.encoder.supports.choice import FINER_COST, SupportRequest, choose_supports
+from texfcodec.encoder.supports.trial import Trials
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.load import load
 from texfcodec.metrics.psnr_3d import measure
@@ -37,7 +40,8 @@ def supports_of(scene, options):
     """Supports of a scene and their evidence, nothing coded."""
     surface = make_surface(scene, options)
     colours = material_colours(scene, surface)
-    decision = choose_supports(scene, surface, RateDistortion.of(options), options, colours)
+    prepared = Prepared(scene=scene, materials=scene.materials, surface=surface, colours=colours, evidence={})
+    decision = choose_supports(prepared, Lagrangian.of(options), SupportRequest.of(options), Caches())[0]
     return SimpleNamespace(**vars(decision.value), evidence=decision.evidence)
 
 
@@ -159,7 +163,9 @@ def test_k_is_bounded_by_the_voxels_that_it_would_make(monkeypatch):
     options = EncodeOptions(rate="r03", support="voxels")
     surface = make_surface(scene, options)
     colours = material_colours(scene, surface)
-    finer = choose_supports(scene, surface, RateDistortion.of(options), options, colours, frozenset({0}))
+    request = SupportRequest.of(options, frozenset({0}))
+    prepared = Prepared(scene=scene, materials=scene.materials, surface=surface, colours=colours, evidence={})
+    finer = choose_supports(prepared, Lagrangian.of(options), request, Caches())[0]
     assert finer.value.resolution < K
 
 
@@ -243,7 +249,7 @@ def test_a_material_that_finer_positions_bring_to_light_is_in_the_palette(monkey
     scene.materials.append(Material("third"))
     usual = make_surface(scene, EncodeOptions())
     finer = lambda choice: make_surface(choice.scene, replace(choice.request, position_bits=18))
-    monkeypatch.setattr("texfcodec.encoder.plan.MeshChoice.finer", finer)
+    monkeypatch.setattr("texfcodec.encoder.mesh.stage.MeshChoice.finer", finer)
     made = encode_scene(scene, EncodeOptions(support="texels"))
     assert 1 not in usual.material and made.counts["faces"] == 5
     assert made.counts["texels"] == 3 and made.counts["voxels"] == 0
@@ -369,15 +375,15 @@ def test_images_that_stay_over_voxels_count_by_their_texels_together(monkeypatch
     half = np.arange(len(scene.faces)) % 2
     scene = replace(scene, face_material=half, materials=[Material(texture=0), Material(texture=1)],
                     textures=[Texture(smooth_image(16, 16, 2, seed)) for seed in (0, 1)])
-    weights, of = [], RateDistortion.patch
+    weights, of = [], Trials.region
 
-    def patch(rd, scene, surface, faces, *texels):
-        made = of(rd, scene, surface, faces, *texels)
+    def region(trials, scene, surface, faces, *texels):
+        made = of(trials, scene, surface, faces, *texels)
         if len(faces) == len(surface.faces):
             weights.append(made.weight)
         return made
 
-    monkeypatch.setattr(RateDistortion, "patch", patch)
-    monkeypatch.setattr("texfcodec.encoder.decide.supports._Choice._decided", lambda self, one, patch: replace(one, goes=False))
+    monkeypatch.setattr(Trials, "region", region)
+    monkeypatch.setattr("texfcodec.encoder.supports.choice._Choice._decided", lambda self, one, patch: replace(one, goes=False))
     chosen(scene)
     assert weights and max(weights) == pytest.approx(1.0)

@@ -8,7 +8,7 @@ from conftest import REPOSITORY
 from shapes import crossing_sheets
 
 from texfcodec import EncodeOptions, decode, inspect
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.geometry import draco
 from texfcodec.geometry.draco import UvCoding, counts_of, dec_textured, enc_textured
 from texfcodec.io.load import load

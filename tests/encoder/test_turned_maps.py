@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from texfcodec import EncodeOptions, decode
-from texfcodec.encoder.decide.turned_texels import mean_matrices, turned_texels
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.shading.rotated_normal_map import mean_matrices, turned_texels
 from texfcodec.field.texel_set import shown_area
 from texfcodec.metrics.shaded import compare_channels
 from texfcodec.report import Report

@@ -6,9 +6,9 @@ from dense_matrix import dense
 from rough_meshes import grid, rough
 from shapes import sphere, square
 
-from texfcodec.encoder.geometry.normal_matrix import NormalEquations
-from texfcodec.encoder.geometry.simplify import simplify
-from texfcodec.encoder.geometry.vertex_fit import DAMPING, STIFFNESS, TANGENTIAL, fit_vertices, own_fit
+from texfcodec.encoder.mesh.normal_matrix import NormalEquations
+from texfcodec.encoder.mesh.simplify import simplify
+from texfcodec.encoder.mesh.vertex_fit import DAMPING, STIFFNESS, TANGENTIAL, fit_vertices, own_fit
 from texfcodec.geometry.mesh import Mesh
 from texfcodec.metrics.surface_distance import surface_distance
 

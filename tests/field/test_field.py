@@ -11,14 +11,14 @@ from shapes import painted_sphere, scene_of, sphere
 from oracles import kernels as oracles
 from texfcodec import EncodeOptions, InputError, decode
 from texfcodec.core.integer import _isqrt, _ones
-from texfcodec.encoder.decide.contacts import (
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.place.contacts import (
     colour_pieces,
     face_components,
     face_directions,
     find_contacts,
     folding_components,
 )
-from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import LimitError
 from texfcodec.field import transfer as transfer_room
 from texfcodec.field import voxelise as voxelise_room

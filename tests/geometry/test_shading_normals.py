@@ -13,9 +13,9 @@ from conformance.reference.edges import marked_edges
 from texfcodec import DecodeOptions, EncodeOptions, Report, decode
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.codecs.sharp_edges import dec_marks, enc_marks
-from texfcodec.encoder.decide.channel_weights import SHADING
-from texfcodec.encoder.decide.normal_rules import ENOUGH, LEAST_STEP, STEP, choose_normals, quantiles
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.prepare.channel_weights import SHADING
+from texfcodec.encoder.shading.normal_rules import ENOUGH, LEAST_STEP, STEP, choose_normals, quantiles
 from texfcodec.geometry.edges import MANY, NUM_FOLDS, coded_edges, folds, shared_edges, weld
 from texfcodec.geometry.shading_normals import corner_normals
 from texfcodec.geometry.surface import make_surface

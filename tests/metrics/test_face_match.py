@@ -7,8 +7,8 @@ import pytest
 from shapes import mapped_sheet, noise, painted_sphere, scene_of, square
 
 from texfcodec import EncodeOptions, InputError, decode
-from texfcodec.encoder.geometry.simplify import simplify
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.mesh.simplify import simplify
 from texfcodec.geometry.areas import sample_surface
 from texfcodec.geometry.mesh import Mesh, points_at
 from texfcodec.metrics.face_match import FaceMatch, decoded_faces

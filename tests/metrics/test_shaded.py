@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from texfcodec import EncodeOptions, decode
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.geometry.tangents import corner_tangents
 from texfcodec.io.load import load
 from texfcodec.metrics.shaded import compare_channels, compare_shaded

@@ -14,7 +14,7 @@ from shapes import painted_sphere, scene_of, square
 
 from texfcodec import EncodeOptions, InputError, decode
 from texfcodec.cli import eval as eval_command
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.metrics.angular_error import angular_error
 from texfcodec.metrics.face_match import decoded_faces
 from texfcodec.metrics.perceptual import Lpips

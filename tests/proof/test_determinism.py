@@ -11,7 +11,7 @@ from shapes import crossing_sheets, painted_sphere
 
 from texfcodec.api import decode
 from texfcodec.codecs.raht import attribute_coder as codec_room
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.field import voxelise as voxelise_room
 from texfcodec.options import DecodeOptions, EncodeOptions
 from tools.proof import determinism

@@ -9,7 +9,7 @@ import pytest
 from shapes import painted_sphere
 
 from texfcodec.api import decode
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.io.load import load as load_mesh
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions

@@ -10,7 +10,7 @@ from shapes import crossing_sheets, painted_sphere
 
 from texfcodec import EncodeOptions, decode
 from texfcodec.core.colour_error import decibels
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.metrics.shaded import compare_channels, compare_shaded
 from texfcodec.metrics.views import Look, compare_views
 from texfcodec.render import lit_scene

@@ -13,7 +13,7 @@ from conftest import REPOSITORY
 from texfcodec import DecodeOptions, EncodeOptions, LimitError, Limits, Report, StreamError, TexfError, decode
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.codecs.neural.payload import Tables
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.sandbox import isolate
 from texfcodec.sandbox.answer import texf_of
 from texfcodec.sandbox.isolate import ChildAnswer, decode_isolated, packed_answer

@@ -11,7 +11,7 @@ import pytest
 from shapes import mapped_sheet
 
 from texfcodec import EncodeOptions, decode
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.io.save import save
 
 REPOSITORY = Path(__file__).resolve().parents[2]

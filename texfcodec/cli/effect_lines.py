@@ -17,7 +17,7 @@ def counted(facts: dict) -> tuple[str, str]:
 
 
 def decision_lines(told: list[dict], channels: list[dict]) -> Iterator[str]:
-    """One line for each channel that any material in use has. told: of encoder.decide.materials; channels: one entry for each
+    """One line for each channel that any material in use has. told: of encoder.prepare.materials; channels: one entry for each
     group that was coded, with its bytes, or none where nothing was."""
     for entry in told:
         name = entry["channel"]

@@ -191,13 +191,16 @@ def _sizes(scene, total):
 
 
 def _estimate(scene, options, report):
-    """What --dry-run reports: counts as they stand in the source, voxels and seconds as a guess, the beginning of a plan."""
-    from ..encoder.plan import outline
-    from ..encoder.rate_control import estimate
+    """What --dry-run reports: counts as they stand in the source, voxels and seconds as a guess, and the first stage."""
+    from dataclasses import replace
+
+    from ..encoder.dry_run import estimate
+    from ..encoder.prepare.stage import PrepareRequest, prepare
 
     with report.stage("estimate"):
         voxels, seconds = estimate(scene, options)
-    return {**outline(scene, options, report).evidence, "dry_run": True, "bytes": None, **_sizes(scene, None),
+    request = replace(PrepareRequest.of(options), measures_weights=False)  # which takes a second
+    return {**prepare(scene, request, report).evidence, "dry_run": True, "bytes": None, **_sizes(scene, None),
             "resolution": options.resolution, "qp": options.qp, "voxels": None,
             "faces": len(scene.faces), "vertices": len(scene.positions), "materials": len(scene.materials),
             "textures": len(scene.textures), "estimated": {"voxels": voxels, "seconds": seconds}, "psnr_3d": None,

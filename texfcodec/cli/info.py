@@ -52,7 +52,7 @@ def _verify(data, facts, limits):
     levels = [level for level in LEVELS if level >= (facts["level"] or max(LEVELS))]
     for level in [*levels, None]:
         try:
-            decode(data, DecodeOptions(limits=_both(limits, LEVELS.get(level, UNLIMITED))))
+            decode(data, DecodeOptions(limits=_both(limits, LEVELS[level] if level else UNLIMITED)))
             break
         except LimitError:
             if level is None:

@@ -15,12 +15,12 @@ from ..metrics.bd_rate import difference_at
 from ..metrics.psnr_3d import SourceSamples
 from ..options import EFFORTS, DecodeOptions, EncodeOptions
 from ..report import Report
-from .pipeline import code
-from .plan import plan
+from .encode import Encoder
+from .write import write
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
-    from .pipeline import Encoded
+    from .write import Encoded
 
 SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
 ENCODES = 4  # seconds for neighbours where none are given, in encodes of what was asked for
@@ -51,26 +51,26 @@ def changed(options: EncodeOptions, **changes: object) -> EncodeOptions:
     return options.without_target().changed(**{"measure": False, "checkpoint": None, **changes})
 
 
-def as_made(options: EncodeOptions, made: Encoded) -> EncodeOptions:
+def as_made(options: EncodeOptions, encoded: Encoded) -> EncodeOptions:
     """options, with the whole QP that a search came to where they hold a target."""
     if options.target_bytes is None and options.target_psnr is None:
         return changed(options)
-    return changed(options, qp=made.qp)
+    return changed(options, qp=encoded.qp)
 
 
-def neighbours_of(options: EncodeOptions, made: Encoded) -> Iterator[Neighbour]:
+def neighbours_of(options: EncodeOptions, encoded: Encoded) -> Iterator[Neighbour]:
     """Neighbours of options that have a part in what they made, those that tell most first. Position bits are not among them:
     3D-PSNR asks both sides at the same places of the surface, and does not see where it has moved."""
     codec, place = codec_of(options.codec), EFFORTS.index(options.effort)
     if not codec.joint:
         steps = ((place + 1, 1.5), (place - 1, 0.6))
         yield from (Neighbour({"effort": EFFORTS[at]}, factor) for at, factor in steps if 0 <= at < len(EFFORTS))
-        fitted = made.choices.get("refinement", {}).get("kind", "off") != "off"
+        fitted = encoded.choices.get("refinement", {}).get("kind", "off") != "off"
         if options.max_error is None and (fitted or options.refine == "off"):
             yield Neighbour({"refine": "off"}, 0.7) if fitted else Neighbour({"refine": "fit"}, 1.8)
-        if made.counts["voxels"] and made.resolution and not made.counts["texels"]:
+        if encoded.counts["voxels"] and encoded.resolution and not encoded.counts["texels"]:
             for scale in (1 / K_STEP, K_STEP):
-                change = {"resolution": round(made.resolution * scale)} | ({} if made.qp is None else {"qp": made.qp})
+                change = {"resolution": round(encoded.resolution * scale)} | ({} if encoded.qp is None else {"qp": encoded.qp})
                 if change["resolution"] <= 8192:
                     yield Neighbour(change, scale**2)
     if options.max_error is not None:
@@ -88,26 +88,26 @@ class _Bench:
         self.samples = SourceSamples(scene, SAMPLES, options.threads)
 
     def run(self, options):
-        """(row, Plan) of one encode: {"seconds", "processor_seconds", "bytes", "psnr_y"}."""
+        """(row, Filled) of one encode: {"seconds", "processor_seconds", "bytes", "psnr_y"}."""
         begin, worked = time.perf_counter(), time.process_time()
-        planned = plan(self.scene, options, Report())
+        planned = Encoder(scene=self.scene).filled(options, Report())
         return self.code(planned, begin, worked), planned
 
     def code(self, planned, begin=None, worked=None):
-        """As run(), of a Plan; seconds count from begin, wall and processor."""
+        """As run(), of a Filled; seconds count from begin, wall and processor."""
         begin = time.perf_counter() if begin is None else begin
         worked = time.process_time() if worked is None else worked
-        made = code(planned, Report())
+        encoded = write(planned, Report())
         row = {"seconds": round(time.perf_counter() - begin, 4), "processor_seconds": round(time.process_time() - worked, 4)}
-        texf = decode_stream(made.data, DecodeOptions(threads=self.threads, limits=UNLIMITED), Report())
-        return row | {"bytes": len(made.data), "psnr_y": self.samples.compare(texf)["y"]}
+        texf = decode_stream(encoded.data, DecodeOptions(threads=self.threads, limits=UNLIMITED), Report())
+        return row | {"bytes": len(encoded.data), "psnr_y": self.samples.compare(texf)["y"]}
 
 
-def explain_time(scene: Scene, options: EncodeOptions, made: Encoded, stages: dict[str, float],
+def explain_time(scene: Scene, options: EncodeOptions, encoded: Encoded, stages: dict[str, float],
                  budget: float | None = None) -> dict:
     """What the seconds of an encode went into and what other settings would make of them, JSON-ready.
 
-    scene: Scene; options: as it was encoded; made: what came of it; stages: seconds by stage (Report.seconds); budget: seconds
+    scene: Scene; options: as it was encoded; encoded: what came of it; stages: seconds by stage (Report.seconds); budget: seconds
     for neighbours, one of which is always tried; None: ENCODES times the encode. The base, options once more with warm kernels,
     and its rate curve come before them. Returns {"stages", "budget", "spent", "samples", "base", "neighbours", "not_tried"}: base
     and neighbours are rows {"change", "seconds", "processor_seconds", "bytes", "psnr_y", "percent", "per_second", "verdict"},
@@ -115,39 +115,39 @@ def explain_time(scene: Scene, options: EncodeOptions, made: Encoded, stages: di
     second less costs; a neighbour that cannot be coded has "reason" in their place. There is one run each, and so both go by
     processor seconds, which a busy machine changes little; those that differ by NOISE or less count as equal.
     """
-    begin, asked = time.perf_counter(), as_made(options, made)
+    begin, requested = time.perf_counter(), as_made(options, encoded)
     bench = _Bench(scene, options)
-    base, planned = bench.run(asked)
+    base, planned = bench.run(requested)
     budget = ENCODES * base["seconds"] if budget is None else budget
-    curve = [base, *(bench.code(planned.with_qp(qp)) for qp in _curve_qps(made))]
+    curve = [base, *(bench.code(planned.with_qp(qp)) for qp in _curve_qps(encoded))]
     del planned
     first = time.perf_counter()
     rows: list[dict] = []
     not_tried = []
-    for neighbour in neighbours_of(asked, made):
+    for neighbour in neighbours_of(requested, encoded):
         if rows and base["seconds"] * neighbour.factor > budget - (time.perf_counter() - first):
             not_tried.append(neighbour.name)
         else:
-            rows.append({"change": neighbour.name} | _tried(bench, asked, neighbour, base, curve))
+            rows.append({"change": neighbour.name} | _tried(bench, requested, neighbour, base, curve))
     spent = round(time.perf_counter() - begin, 3)
     return {"stages": stages, "budget": round(budget, 3), "spent": spent, "samples": SAMPLES, "base": base, "neighbours": rows,
             "not_tried": not_tried}
 
 
-def _curve_qps(made):
+def _curve_qps(encoded):
     """QPs beside that of the stream which its rate curve is drawn through; none where no QP coded it."""
-    return [] if made.qp is None else [qp for qp in (made.qp + step for step in CURVE) if 0 <= qp <= 63]
+    return [] if encoded.qp is None else [qp for qp in (encoded.qp + step for step in CURVE) if 0 <= qp <= 63]
 
 
-def _tried(bench, asked, neighbour, base, curve):
+def _tried(bench, requested, neighbour, base, curve):
     try:
-        row, _ = bench.run(changed(asked, **neighbour.change))
+        row, _ = bench.run(changed(requested, **neighbour.change))
     except TexfError as error:
         return {"reason": str(error)}
     percent = percent_of(curve, row)
     if percent is None:
         return row | {"percent": None, "per_second": None, "verdict": None}
-    first, then = (one["processor_seconds"] for one in (base, row))
+    first, then = (side["processor_seconds"] for side in (base, row))
     return row | {"percent": round(percent, 2), "per_second": per_second(first, then, percent),
                   "verdict": verdict(first, then, percent)}
 

@@ -11,9 +11,9 @@ from ..geometry.draco import split_corners
 from ..geometry.geometry_unit import GeometryUnit
 from ..geometry.mesh import Mesh
 from ..scene.normal_rule import JOINED, NormalRule
-from .geometry.carried_uvs import carried_uvs
-from .geometry.seams import seam_edges, sharp_edges
-from .geometry.simplify import simplify
+from .mesh.carried_uvs import carried_uvs
+from .mesh.crease_edges import seam_edges, sharp_edges
+from .mesh.simplify import simplify
 
 if TYPE_CHECKING:
     from ..texf import Texf

@@ -16,7 +16,6 @@ from .query import query_field
 from .voxelise import voxelise
 
 if TYPE_CHECKING:
-    from ..encoder.rd import RateDistortion
     from ..geometry.canonical import CanonicalCube
 
 MOST_DROPPED = 0.1  # share of the surface that the area threshold may leave without a voxel of its own
@@ -58,16 +57,17 @@ class VoxelSupport(Keyed):
         return query_field(grid, self.size, self.keys, self.brick_map, values, threads)[0]
 
 
-def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, resolution: int,
-                rd: RateDistortion) -> tuple[np.ndarray, int]:
+def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, resolution: int, area_threshold: int,
+                threads: int, most_voxels: int | None) -> tuple[np.ndarray, int]:
     """Voxels of a decoded surface (lattice, faces), ascending keys int64 [N], and the area threshold that they are kept by:
-    rd.area_threshold, unless it would leave more than MOST_DROPPED of the surface without voxels. Encoder only."""
+    the requested one, unless it would leave more than MOST_DROPPED of the surface without voxels. most_voxels: limit, None
+    without one. Encoder only. Raises LimitError."""
     lattice, faces = surface
-    keys, weights = voxelise(lattice, faces, position_bits, resolution, 0, rd.threads, rd.limits.voxels)
-    keep = weights >= rd.area_threshold << 24
+    keys, weights = voxelise(lattice, faces, position_bits, resolution, 0, threads, most_voxels)
+    keep = weights >= area_threshold << 24
     if weights[~keep].sum(dtype=np.float64) > MOST_DROPPED * weights.sum(dtype=np.float64) or not keep.any():
         return keys, 0
-    return keys[keep], rd.area_threshold
+    return keys[keep], area_threshold
 
 
 def keys_are_sound(keys: np.ndarray, size: int) -> bool:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from hashlib import sha256
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from .areas import edge_columns, squared_cross
 from .canonical import CanonicalCube, fit_cube
 
 if TYPE_CHECKING:
-    from ..options import EncodeOptions
+    from ..limits import Limits
     from ..scene.scene import Scene
 
 LEAST_HEIGHT = 2.0**-22  # of a face, in sides of the cube: about what rounding to binary32 does to three corners on a line
@@ -33,8 +34,31 @@ class Surface:
     origin_face: np.ndarray
     material: np.ndarray
 
+    def digest(self) -> bytes:
+        """SHA-256 of its arrays, 32 bytes: equal for equal surfaces."""
+        total = sha256(bytes([self.cube.position_bits]))
+        for values in (self.lattice, self.faces, self.origin_face, self.material):
+            total.update(np.ascontiguousarray(values).data)
+        return total.digest()
 
-def make_surface(scene: Scene, options: EncodeOptions) -> Surface:
+
+class LatticeSettings(Protocol):
+    """What make_surface() reads of a request."""
+
+    @property
+    def position_bits(self) -> int | None:
+        """Bits of the lattice, 1..20."""
+
+    @property
+    def limits(self) -> Limits:
+        """Of vertices and faces."""
+
+    @property
+    def allow_empty(self) -> bool:
+        """Whether a surface without faces will do."""
+
+
+def make_surface(scene: Scene, options: LatticeSettings) -> Surface:
     """Puts the scene on the lattice, merges equal positions and leaves out faces that have lost a corner, and flat ones that
     close no gap (Surface)."""
     limits = options.limits

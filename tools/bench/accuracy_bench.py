@@ -10,11 +10,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from texfcodec.api import decode, encode_to_result
-from texfcodec.encoder import source_field
-from texfcodec.encoder.decide.one_colour import material_colours
-from texfcodec.encoder.decide.supports import choose_supports
-from texfcodec.encoder.plan import outline
-from texfcodec.encoder.rate_control import estimate
+from texfcodec.encoder.dry_run import estimate
+from texfcodec.encoder.encode import Encoder
+from texfcodec.encoder.values import source_field
 from texfcodec.metrics.psnr_3d import SourceSamples
 from texfcodec.metrics.views import compare_views
 from texfcodec.options import DecodeOptions, EncodeOptions
@@ -32,9 +30,7 @@ WARM_K = 128
 def place_of(scene, threads=1, neural=False, quick=False):
     """The Place of a scene: over texels where the encoder by itself puts most faces there; quick: with half the K."""
     options = EncodeOptions(threads=threads)
-    begun = outline(scene, options, Report())
-    colours = material_colours(begun.scene, begun.surface)
-    supports = choose_supports(begun.scene, begun.surface, begun.rd, options, colours).value
+    supports = Encoder(scene=scene).supported(options, Report()).candidates[0].value
     planar = sum(len(plan.group.faces) for plan in supports.plans)
     k = SMALL_K if estimate(scene, EncodeOptions(resolution=USUAL_K))[0] > MANY_VOXELS else USUAL_K
     k = k // 2 if quick else k

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 from texfcodec.codecs.neural.operating_points import DEFAULT_POINT, DEFAULT_STEPS
-from texfcodec.encoder.source_field import FITTED_DENSITY, TRANSFER_DENSITY
+from texfcodec.encoder.values.source_field import FITTED_DENSITY, TRANSFER_DENSITY
 from texfcodec.metrics.psnr_3d import SAMPLES
 from texfcodec.metrics.views import SIZE, VIEWS
 from texfcodec.options import DEFAULT_RATE, EFFORTS, RATES, EncodeOptions, default_threads

@@ -13,9 +13,9 @@ import numpy as np
 
 from texfcodec.core.colour_error import decibels
 from texfcodec.core.json_text import json_ready
-from texfcodec.encoder.decide.materials import needed_scene
-from texfcodec.encoder.decide.normal_rules import Shading
-from texfcodec.encoder.shown_maps import Frames, ShownMaps
+from texfcodec.encoder.prepare.materials import needed_scene
+from texfcodec.encoder.shading.normal_rules import Shading
+from texfcodec.encoder.values.shown_maps import Frames, ShownMaps
 from texfcodec.geometry.areas import sample_surface
 from texfcodec.geometry.surface import make_surface
 from texfcodec.metrics.angular_error import angular_error

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from PIL import Image
 
-from texfcodec.encoder.shown_maps import SAME_FRAME, turn_of
+from texfcodec.encoder.values.shown_maps import SAME_FRAME, turn_of
 from texfcodec.scene.channels import BY_NAME, channel_over
 from texfcodec.scene.scene import Scene
 from tools.bench.everyday_rivals import (

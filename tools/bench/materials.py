@@ -29,8 +29,8 @@ from texfcodec.bitstream.inspect import inspect
 from texfcodec.core.colour_error import decibels, in_decibels
 from texfcodec.core.json_text import json_text
 from texfcodec.decoder import decode_stream
-from texfcodec.encoder.decide.materials import needed_scene
-from texfcodec.encoder.shown_maps import turn_of, turned
+from texfcodec.encoder.prepare.materials import needed_scene
+from texfcodec.encoder.values.shown_maps import turn_of, turned
 from texfcodec.field.morton import decode_morton
 from texfcodec.field.texel_set import asked_texels
 from texfcodec.geometry.surface import make_surface

@@ -11,7 +11,7 @@ from texfcodec.codecs.raht.attribute_coder import dec_attributes, enc_attributes
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
 from texfcodec.codecs.raht.transform.octree import build_octree
 from texfcodec.demo.asset import make_sample
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.field.extents import octree_depth
 from texfcodec.field.grid import build_brick_map
 from texfcodec.field.morton import decode_morton

@@ -32,7 +32,7 @@ def write_catalogue(folder, count):
     from shapes import painted_sphere
 
     from texfcodec.api import decode
-    from texfcodec.encoder.pipeline import encode_scene
+    from texfcodec.encoder.encode import encode_scene
     from texfcodec.options import EncodeOptions
 
     folder.mkdir(parents=True)

@@ -43,7 +43,7 @@ def write_assets(folder, count):
     from shapes import painted_sphere
 
     from texfcodec.api import decode
-    from texfcodec.encoder.pipeline import encode_scene
+    from texfcodec.encoder.encode import encode_scene
     from texfcodec.options import EncodeOptions
 
     folder.mkdir()

@@ -53,7 +53,7 @@ def streams_of(kind, bounds):
     from shapes import mapped_sheet
 
     from texfcodec.api import decode
-    from texfcodec.encoder.pipeline import encode_scene
+    from texfcodec.encoder.encode import encode_scene
     from texfcodec.options import EncodeOptions
 
     def coded(scene, **options):

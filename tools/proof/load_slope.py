@@ -48,7 +48,7 @@ def slope_of(call, count, warm=WARM):
 
 def encodes():
     """Every scene in turn is coded."""
-    from texfcodec.encoder.pipeline import encode_scene
+    from texfcodec.encoder.encode import encode_scene
 
     turns = list(small_scenes().values())
     return lambda i: encode_scene(*turns[i % len(turns)])
@@ -65,7 +65,7 @@ def decodes():
 def both():
     """Every scene in turn is coded and decoded."""
     from texfcodec.api import decode
-    from texfcodec.encoder.pipeline import encode_scene
+    from texfcodec.encoder.encode import encode_scene
 
     turns = list(small_scenes().values())
     return lambda i: decode(encode_scene(*turns[i % len(turns)]).data)
@@ -115,7 +115,7 @@ KINDS = {"encode": encodes, "decode": decodes, "encode and decode": both, "query
 
 
 def _streams():
-    from texfcodec.encoder.pipeline import encode_scene
+    from texfcodec.encoder.encode import encode_scene
 
     return [encode_scene(scene, options).data for scene, options in small_scenes().values()]
 

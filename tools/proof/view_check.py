@@ -22,7 +22,7 @@ if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from texfcodec.api import decode
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.errors import EXIT_DIFFERS
 from texfcodec.io.load import load
 from texfcodec.options import EncodeOptions

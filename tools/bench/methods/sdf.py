@@ -14,10 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from texfcodec.encoder.map_planes import with_grey
-from texfcodec.encoder.pipeline import code
-from texfcodec.encoder.plan import plan
-from texfcodec.encoder.source_field import colour_planes
+from texfcodec.encoder.encode import Encoder
+from texfcodec.encoder.values.map_planes import with_grey
+from texfcodec.encoder.values.source_field import colour_planes
+from texfcodec.encoder.write import write
 from texfcodec.field.morton import encode_morton
 from texfcodec.field.samples import surface_samples
 from texfcodec.field.transfer import fill_uncoloured
@@ -81,12 +81,12 @@ class Sdf(TexfMethod):
         with report.stage("marching cubes"):
             mesh = dec_solid(data)
         settings = settings_of(asked, threads)
-        prepared = plan(mesh, settings, report)
+        prepared = Encoder(scene=mesh).filled(settings, report)
         with report.stage("colours"):
             colours = colour_planes(fetched(scene, prepared, threads), prepared.source)
             fields = [prepared.fields[0].with_planes(colours)]
             source = prepared.source._replace(groups=with_grey(prepared.source.groups, fields))
-        made = code(replace(prepared, fields=fields, source=source), report)
+        made = write(replace(prepared, fields=fields, source=source), report)
         field = without_mesh(made.data, prepared.geometry[0]["draco_data"])
         (folder / DISTANCES).write_bytes(data)
         (folder / FIELD).write_bytes(field)

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from texfcodec.encoder.pipeline import code
-from texfcodec.encoder.plan import plan
+from texfcodec.encoder.encode import Encoder
+from texfcodec.encoder.write import write
 from texfcodec.options import EncodeOptions
 from texfcodec.scene.channels import COLOURS, join_planes
 from texfcodec.texf import Field
@@ -21,7 +21,7 @@ PREPARED = {"support": "voxels", "refine": "off", "effects": "none"}
 def voxel_values(scene, options, report):
     """The Plan of a Scene: voxels of base colour and alpha alone, transferred and not refined. options: dict
     of further EncodeOptions, among them the resolution."""
-    return plan(scene, EncodeOptions(**PREPARED | options), report)
+    return Encoder(scene=scene).filled(EncodeOptions(**PREPARED | options), report)
 
 
 def rgba_of(part):
@@ -35,7 +35,7 @@ def write_mesh(prepared, folder, report):
     from tools.bench.everyday_rivals import positions_alone
 
     empty = [part.with_planes({name: np.zeros_like(plane) for name, plane in part.planes.items()}) for part in prepared.fields]
-    made = code(replace(prepared, fields=empty), report)
+    made = write(replace(prepared, fields=empty), report)
     (folder / STREAM).write_bytes(made.data)
     geometry = min(positions_alone(prepared.surface.lattice, prepared.surface.faces), made.sizes["geometry"])
     return geometry, len(made.data) - geometry

@@ -14,8 +14,8 @@ from texfcodec.codecs.neural.payload import Level, Payload, Tables
 from texfcodec.codecs.raht.transform import filter as filter_room
 from texfcodec.codecs.raht.transform.octree import Octree
 from texfcodec.codecs.raht.transform.quantise import step_of
-from texfcodec.encoder.optimise import inverse_render
-from texfcodec.encoder.optimise.surface_fit import FieldSurface, fit_surface
+from texfcodec.encoder.values import inverse_render
+from texfcodec.encoder.values.surface_fit import FieldSurface, fit_surface
 from texfcodec.errors import InputError
 from texfcodec.field.grid import build_brick_map
 from texfcodec.field.morton import decode_morton, encode_morton

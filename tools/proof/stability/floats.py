@@ -10,7 +10,7 @@ from oracles import kernels as oracles
 from texfcodec.api import decode
 from texfcodec.codecs.raht.transform.quantise import step_of
 from texfcodec.codecs.raht.transform.raht import _forward, _tree_weights
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.options import EncodeOptions
 from texfcodec.scene.scene import Scene
 from tools.proof.stability.case import Case, Draws

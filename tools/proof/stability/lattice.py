@@ -6,7 +6,7 @@ import numpy as np
 from shapes import painted_sphere, scene_of
 
 from texfcodec.api import decode
-from texfcodec.encoder.pipeline import encode_scene
+from texfcodec.encoder.encode import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import MAX_COORDINATE, fit_cube
 from texfcodec.options import EncodeOptions

@@ -1,0 +1,63 @@
+"""What encodes of one scene share: a cache for each stage, and for the parts of a stage that take long (encoder only).
+
+A search over the QP and the check's second try encode one scene several times. What no QP and no finer part changes is computed
+once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import TypeVar, cast
+
+Result = TypeVar("Result")
+
+
+class Cache:
+    """Results by key. A key is a named tuple or a frozen dataclass of all that a result depends on beside the scene."""
+
+    def __init__(self) -> None:
+        self._results: dict[Hashable, object] = {}
+
+    def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
+        """Return the result of a key; make it if it is not there."""
+        if key not in self._results:
+            self._results[key] = make()
+        return cast(Result, self._results[key])
+
+
+class NoCache(Cache):
+    """Keeps nothing."""
+
+    def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
+        """Return a new result."""
+        return make()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Caches:
+    """One cache for each stage, and for the parts of stages that several encodes share.
+
+    prepared, supported: whole stages, by their requests; images: trial codings of an image, by quality; regions: sample regions,
+    which are large; meshes: lattices, simplified meshes and their pictures; frames: fitted normal maps; fields: transferred and
+    fitted values; units: coded values.
+    """
+
+    prepared: Cache = field(default_factory=NoCache)
+    supported: Cache = field(default_factory=NoCache)
+    images: Cache = field(default_factory=NoCache)
+    regions: Cache = field(default_factory=NoCache)
+    meshes: Cache = field(default_factory=Cache)  # two supports of one encode share it
+    frames: Cache = field(default_factory=NoCache)
+    fields: Cache = field(default_factory=NoCache)
+    units: Cache = field(default_factory=NoCache)
+
+    @classmethod
+    def of_search(cls) -> Caches:
+        """Caches of encodes that differ in their QP: units and frames would never be used again."""
+        return cls(prepared=Cache(), supported=Cache(), images=Cache(), regions=Cache(), fields=Cache())
+
+    @classmethod
+    def of_second_try(cls) -> Caches:
+        """Caches of two encodes of which the second is finer in some parts; regions are large, and hardly used again."""
+        return cls(prepared=Cache(), supported=Cache(), images=Cache(), frames=Cache(), fields=Cache(), units=Cache())

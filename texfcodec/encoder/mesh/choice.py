@@ -1,0 +1,545 @@
+"""Which mesh is sent: the source's at how many position bits, or a smaller one that looks the same (encoder only).
+
+Geometry is most of a scan's stream. A mesh of fewer faces, fitted to the source and put on the lattice as a whole, takes half the
+bytes; what it does to pictures adds to what coding does to colours. So the mesh is taken that has the least error plus bytes, a
+byte counting as much as it buys where colours are coded. The source's mesh is one of the candidates and stays unless another one
+is measured to be better: an asset that somebody has simplified before gains nothing, and loses nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ...core.threads import ahead, in_order
+from ...geometry.areas import face_areas, sample_surface, used_vertices
+from ...geometry.canonical import finer_cube
+from ...geometry.mesh import Mesh, points_at
+from ...geometry.nearest_points import NearestPoints
+from ...geometry.surface import Surface, make_surface, place_mesh
+from ...metrics.surface_distance import surface_distance
+from ...options import FINEST_POSITIONS
+from ...report import Step, no_step
+from ..decision import Decision
+from ..prepare.channel_weights import shown_of_radians
+from ..supports.image_groups import brought_near
+from ..values.unit_qp import has_few_colours
+from .carried_uvs import carried_uvs
+from .crease_edges import seam_edges, sharp_edges
+from .draco_bytes import draco_bytes
+from .drawn_source import DrawnSource, FetchedNormals, draw_onto
+from .joint_lattice import joint_lattice
+from .picture_error import PictureComparison, PictureError
+from .simplify import simplify
+from .vertex_fit import fit_vertices, own_fit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ...limits import Limits
+    from ...options import EncodeOptions
+    from ...scene.scene import Scene
+    from ..caches import Cache
+    from ..price import Lagrangian
+    from ..supports.texel_plan import TexelPlan
+    from .simplify import Simplification
+    from .vertex_fit import VertexFit
+
+BYTES_A_BIT, LEAST_A_BIT = 3 / 8, 1 / 8  # of a vertex, for each bit of its three coordinates; in rows and planes
+COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall together
+MOST_A_BIT = 4.0  # times that a bit lessens an error at most; where layers lie close, which one is seen is a matter of luck
+REFERENCE_BITS = 12  # bits of the lattice that the others' error is reckoned from
+SHARES = tuple(2 ** (-number / 2) for number in range(11))  # of the source's faces; a point 25 % off costs 1 to 2 % of the bytes
+SAME_UV = 1e-5  # differences from which on an edge is a seam
+FEWEST = 256  # faces: fewer take too few bytes to bother
+LOOKS = {"fast": 3, "balanced": 5, "best": 10}  # by effort, that at the usual bits among them
+EAGER = 0.85  # of the error that is reckoned: what is hoped for where nothing was looked at
+# Of the error of colours: what the mesh may add, where colours take next to nothing and bytes would buy any error. The best
+# points of three scans have 0.5 to 1.2 times as much.
+MOST_MOVED = 1.2
+MOST_LOST = 3e-3  # of the source's pixels: thin parts or holes that are gone or new, whatever they are worth
+FIT_GAIN = 0.7  # of the distance before the vertices are fitted
+SEVERAL = 0.8  # power of faces that bytes go with
+SHARP, HARD = 60.0, 0.3  # degrees between faces, and difference of the file's normals, from which on an edge is kept as a line
+FEW_TEXELS = 4096  # that are exact where they are of few colours; a grey terrain has few colours, and a million texels
+FEW_POINTS, DISTANCE_POINTS = 5_000, 20_000  # of distances that are guessed with, and that the report has
+NOTHING = 1e9  # the squared error of a mesh of which nothing is left
+
+
+@dataclass(frozen=True, kw_only=True)
+class SentMesh:
+    """The mesh that is sent.
+
+    scene: with the faces that are sent; surface: the same on its lattice; source_face: int64 [G], index of the source face that
+    each face was simplified from; source_on_mesh: the source's faces on that surface, or the surface itself; corner_places: where
+    their corners lie there, None if it is the surface; carries: whether its faces are fewer and have UVs of their own, so that
+    they show what the scene shows; saved: bytes that it costs less than the source's mesh.
+    """
+
+    scene: Scene
+    surface: Surface
+    source_face: np.ndarray
+    source_on_mesh: Surface
+    corner_places: DrawnSource | None = None
+    carries: bool = False
+    saved: float = 0.0
+
+    def shown(self, scene: Scene) -> Scene:
+        """The source, some of whose textures may have been changed, with the faces of source_on_mesh."""
+        return replace(self.scene, textures=scene.textures) if self.carries else scene
+
+    def at_corners(self, corner: np.ndarray) -> np.ndarray:
+        """Values at corners of the surface, float32 [G, 3, C], at those of source_on_mesh, float32 [F, 3, C]."""
+        return corner if self.corner_places is None else self.corner_places.from_corners(corner)
+
+
+def kept(scene: Scene, surface: Surface) -> SentMesh:
+    """The source's mesh on a lattice."""
+    return SentMesh(scene=scene, surface=surface, source_face=surface.origin_face, source_on_mesh=surface)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshRequest:
+    """What the choice of the mesh reads of EncodeOptions. position_bits: of its lattice; partition: as of EncodeOptions."""
+
+    position_bits: int
+    position_bits_are_free: bool
+    mesh_is_free: bool
+    effort: str
+    partition: str
+    limits: Limits
+    allow_empty: bool
+    strict: bool
+
+    @classmethod
+    def of(cls, options: EncodeOptions) -> MeshRequest:
+        """The part of a request that the choice reads."""
+        assert options.position_bits is not None  # its __post_init__ fills it in
+        return cls(position_bits=options.position_bits, position_bits_are_free=options.position_bits_are_free,
+                   mesh_is_free=options.mesh_is_free, effort=options.effort, partition=options.partition, limits=options.limits,
+                   allow_empty=options.allow_empty, strict=options.strict)
+
+
+class _LatticeKey(NamedTuple):
+    """What a lattice of the source, or pictures of it there, depend on beside the scene."""
+
+    kind: str
+    position_bits: int
+
+
+class _MeshesKey(NamedTuple):
+    """What simplified meshes depend on beside the scene."""
+
+    position_bits: int
+    carries: bool
+    groups: bytes
+
+
+class MeshChoice:
+    """Looks at meshes for one Scene. usual: its Surface at the usual position bits; mse: squared error of colours and maps,
+    None where these take no bytes; cache: of meshes and their pictures, which neither price nor mse changes."""
+
+    def __init__(self, scene: Scene, usual: Surface, price: Lagrangian, request: MeshRequest, mse: float | None,
+                 cache: Cache) -> None:
+        self.scene, self.usual, self.price, self.request, self.cache = scene, usual, price, request, cache
+        self.most_moved = MOST_MOVED * (mse or 0.0)
+        self.evidence: dict[str, Any] = {"reason": self._reason()}
+
+    def _reason(self):
+        """Why the source's mesh is sent at the usual bits; "" where that is to be seen."""
+        if not self.request.position_bits_are_free:
+            return "position bits were requested"
+        if self.price.max_error is not None:
+            return "an error bound was requested"
+        return "colours take no bytes, so there is no trade-off with geometry" if not self.most_moved else ""
+
+    @cached_property
+    def looks(self) -> PictureComparison:
+        """Pictures of the source, and of it on other surfaces."""
+        return self.cache.get("pictures", lambda: PictureComparison(
+            self.scene, self.usual, shown_of_radians(self.scene.weights), self.price.threads))
+
+    def look_at(self, surface: Surface) -> PictureError:
+        """What the source on another lattice does to pictures."""
+        key = _LatticeKey("pictures", surface.cube.position_bits)
+        return self.cache.get(key, lambda: self.looks.of(surface, self.looks.normals_of(surface)))
+
+    def finer(self) -> Surface:
+        """The source at the bits, from the usual ones on, that cost least."""
+        if self.evidence["reason"]:
+            return self.usual
+        usual, error, best = self.usual.cube.position_bits, self.look_at(self.usual).error, self.usual
+        if self.price.cost(LEAST_A_BIT * _count_used(self.usual), error / MOST_A_BIT) >= self.price.cost(0, error):
+            return self.usual
+        least = self.price.cost(_geometry_bytes(best), error)
+        for bits in range(usual + 1, FINEST_POSITIONS + 1):
+            surface = self._on_lattice(bits)
+            size = _geometry_bytes(surface)
+            if self.price.cost(size, error / MOST_A_BIT ** (bits - usual)) < least:
+                cost = self.price.cost(size, self.look_at(surface).error)
+                best, least = (surface, cost) if cost < least else (best, least)
+        if best is not self.usual:
+            self.evidence |= {"reason": "the usual position bits change the picture", "position_bits": best.cube.position_bits}
+        return best
+
+    def _on_lattice(self, bits):
+        request = replace(self.request, position_bits=bits)
+        return self.cache.get(_LatticeKey("lattice", bits), lambda: make_surface(self.scene, request))
+
+    def smaller(self, surface: Surface, group: np.ndarray, plans: list[TexelPlan], step: Step = no_step) -> Decision[SentMesh]:
+        """The mesh that costs least among the source's and smaller ones, at the usual bits and fewer.
+
+        surface: of finer(); group: int64 [F] of its faces: those of two groups stay apart; plans: TexelPlans, whose UVs go with
+        the faces; flat colours, which are exact, keep every vertex where it is.
+        """
+        usual = kept(self.scene, surface)
+        if self._reason() or not self.request.mesh_is_free:
+            return Decision(usual, {"reason": self._reason() or "the source's mesh was requested"})
+        if any(_is_exact(plan) for plan in plans):
+            return Decision(usual, {"reason": "flat colours over texels are exact, so every vertex stays in place"})
+        if len(surface.faces) < FEWEST:
+            return Decision(usual, self.evidence if surface is not self.usual else {"reason": "the mesh is too small to save "
+                                                                                              "bytes"})
+        meshes = self._meshes(surface, group, bool(plans))
+        search = _Search(self, meshes, plans)
+        best = search.best(step)
+        sent = replace(meshes.look(*best.place).sent, saved=search.at_usual.cost - best.cost)
+        return Decision(sent, search.evidence(best, sent.surface))
+
+    def _meshes(self, surface, group, carries):
+        """The _Meshes of a surface and its groups, as smaller() has them. carries: whether they have UVs of their own: then only
+        borders of groups count."""
+        group = group * (int(surface.material.max(initial=0)) + 1) + surface.material
+        borders = seam_edges(surface.faces, group)
+        key = _MeshesKey(surface.cube.position_bits, carries, (borders if carries else group).tobytes())
+        return self.cache.get(key, lambda: _Meshes(self, surface, group, borders, carries))
+
+
+def _is_exact(plan):
+    """Whether the texels of a TexelPlan are so few, in flat colours, that they will be coded exactly."""
+    return plan.group.palette or (plan.size[0] * plan.size[1] <= FEW_TEXELS and has_few_colours(plan.group.image.reshape(-1, 4)))
+
+
+class _Look(NamedTuple):
+    """A mesh that was looked at. sent: None where no face has area; face: int64 [G], the usual surface's that each of its faces
+    was; moved: what it does to pictures."""
+
+    sent: SentMesh | None
+    face: np.ndarray
+    moved: PictureError
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Candidate:
+    """What a mesh that was looked at costs. place: in shares and bits; faces: int; geometry: bytes; moved: PictureError; cost: at
+    the price of a byte; refused: why it may not be taken."""
+
+    place: tuple[int, int]
+    faces: int
+    geometry: float
+    moved: PictureError
+    cost: float
+    refused: str = ""
+
+    @property
+    def bits(self) -> int:
+        """Of its positions."""
+        return self.place[1]
+
+    def row(self) -> dict:
+        """What the report says of it."""
+        said = {"faces": self.faces, "position_bits": self.bits, "geometry_bytes": self.geometry, "cost": round(self.cost, 0),
+                "mse": round(self.moved.mse, 3), "silhouette": round(self.moved.silhouette, 5), "lost": round(self.moved.lost, 6)}
+        return said | ({"refused": self.refused} if self.refused else {})
+
+
+class _Search:
+    """Takes what costs least of _Meshes, at the price of a byte: reckons what each number of faces and of bits would cost, and
+    looks at those that promise least. plans: TexelPlans of its faces; usual: place in shares and bits of the source's mesh;
+    tried: by place."""
+
+    def __init__(self, choice: MeshChoice, meshes: _Meshes, plans: list[TexelPlan]) -> None:
+        self.choice, self.meshes, self.price, self.plans = choice, meshes, choice.price, plans
+        self.usual, self.tried = (0, meshes.usual.cube.position_bits), dict[tuple[int, int], _Candidate]()
+        self._plan_of = np.full(len(meshes.usual.faces), -1)
+        for number, plan in enumerate(plans):
+            self._plan_of[plan.group.faces] = number
+
+    @property
+    def at_usual(self) -> _Candidate:
+        """The source's mesh."""
+        return self._candidate(*self.usual)
+
+    def best(self, step: Step) -> _Candidate:
+        """The candidate of least cost that nothing speaks against: those that promise least are looked at until none does."""
+        self.meshes.begin()
+        self._candidate(*self.usual)
+        first = self._candidate(0, REFERENCE_BITS)
+        reckoned = self._reckoned(first) if first.faces else {}
+        most = LOOKS[self.choice.request.effort]
+        while reckoned and len(self.tried) < most:
+            step(len(self.tried), most)
+            place = min(reckoned, key=lambda place: self._promise(reckoned, place))
+            if place in self.tried:
+                break
+            self._candidate(*place)
+        return self._least()
+
+    def _least(self):
+        allowed = (candidate for candidate in self.tried.values() if not candidate.refused)
+        return min(allowed, key=lambda candidate: candidate.cost)
+
+    def _candidate(self, place, bits):
+        if (place, bits) not in self.tried:
+            self.tried[place, bits] = self._looked_at((place, bits))
+            self.meshes.keep_only(self._least().place)
+        return self.tried[place, bits]
+
+    def _looked_at(self, place):
+        """The _Candidate at a place, refused where something speaks against it."""
+        sent, face, moved = self.meshes.look(*place)
+        if sent is None:
+            return _Candidate(place=place, faces=0, geometry=0, moved=moved, cost=NOTHING, refused="no face is left")
+        size = self._bytes(sent.surface, face, sent.scene.corner_uv[sent.surface.origin_face])
+        refused = "" if place == self.usual else self._refused(moved) if math.isfinite(size) else "Draco cannot hold it"
+        return _Candidate(place=place, faces=len(sent.surface.faces), geometry=size, moved=moved,
+                          cost=self.price.cost(size, moved.error), refused=refused)
+
+    def _bytes(self, surface, face, corner_uv):
+        """Bytes of Draco for the faces over voxels, and for those of each plan and material with their UVs. face: the usual
+        surface's that each of its faces was."""
+        plan_of, bits, size = self._plan_of[face], surface.cube.position_bits, 0.0
+        if (plan_of < 0).any():
+            size += draco_bytes(surface.lattice, surface.faces[plan_of < 0], bits)
+        unit = plan_of * (int(surface.material.max(initial=0)) + 1) + surface.material
+        for faces in (np.flatnonzero(unit == number) for number in np.unique(unit[plan_of >= 0])):
+            plan = self.plans[plan_of[faces[0]]]
+            texels = brought_near(corner_uv[faces] * np.array(plan.size, np.float64), plan.size, plan.group.wrap)
+            uv = np.floor(texels * (1 << plan.fraction_bits) + 0.5).astype(np.int64)
+            size += draco_bytes(surface.lattice, surface.faces[faces], bits, uv)
+        return size
+
+    def _refused(self, moved):
+        if not moved.mse <= self.choice.most_moved:
+            return "the picture changes more than coding changes it"
+        if not moved.worst_part <= max(self.choice.most_moved, self.price.coding_mse):
+            return "a small part changes more than the rate promises"
+        return "thin parts disappear" if moved.worst_lost > MOST_LOST else ""
+
+    def _reckoned(self, here):
+        """{place: (bytes, squared error)}, from one look, here, and the distances of meshes that are not fitted."""
+        usual, out = self.meshes.usual, {}
+        vertices = _count_used(usual)
+        for place, away in enumerate(self.meshes.aways):
+            share = SHARES[place]
+            for bits in range(COARSEST_POSITIONS, usual.cube.position_bits + 1):
+                size = here.geometry * share**SEVERAL + BYTES_A_BIT * vertices * share * (bits - REFERENCE_BITS)
+                out[place, bits] = size, here.moved.error * np.hypot(away, 2.0 ** (REFERENCE_BITS - bits))
+        return out
+
+    def _promise(self, reckoned, place):
+        """The cost of a candidate: as measured, or as reckoned, with what measuring others has taught: those of as many faces,
+        or all of fewer faces than the source."""
+        if place in self.tried:
+            return np.inf if self.tried[place].refused else self.tried[place].cost
+        thin = (at for at, candidate in self.tried.items() if candidate.refused and candidate.moved.worst_lost > MOST_LOST)
+        if any(_is_coarser(place, at) for at in thin):
+            return np.inf
+        known = [at for at in self.tried if at[0] == place[0]] or [at for at in self.tried if at[0]] or [(0, REFERENCE_BITS)]
+        got = np.array([(self.tried[at].geometry, self.tried[at].moved.error) for at in known])
+        was = np.maximum([reckoned[at] for at in known], 1e-9)
+        size, error = np.array(reckoned[place]) * (got / was).mean(axis=0) * (1.0, EAGER)
+        return self.price.cost(size, error) if error <= self.choice.most_moved else np.inf
+
+    def evidence(self, best: _Candidate, surface: Surface) -> dict:
+        """What was tried, and what was taken. surface: of the latter."""
+        evidence = {"reason": "lowest cost in bytes and picture error", "faces": [len(self.meshes.usual.faces), best.faces],
+                "position_bits": best.bits, "tried": [candidate.row() for candidate in self.tried.values()]}
+        return evidence if best is self.at_usual else evidence | {"distance": self.meshes.distance(surface)}
+
+
+class _Fit(NamedTuple):
+    """fit: VertexFit; face: int64 [G], the source's face of each of its faces; uvs: float64 [G, 3, 2] by map_uv's names, "" for
+    corner_uv, where they are carried."""
+
+    fit: VertexFit
+    face: np.ndarray
+    uvs: dict[str, np.ndarray]
+
+
+class _Meshes:
+    """Meshes of one source, with what each does to pictures, at any price of a byte. usual: its Surface; group: int64 [F] of its
+    faces, those of two stay apart; borders: int64 [L, 2], edges between groups; carries: whether faces keep UVs of their own;
+    shares: of its faces that others may have."""
+
+    def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, borders: np.ndarray, carries: bool) -> None:
+        self.scene, self.usual, self.choice = choice.scene, usual, choice
+        self.group, self._borders, self._carries = group, borders, carries
+        positions = np.zeros(self.usual.lattice.shape)
+        positions[self.usual.faces] = self.scene.positions[self.scene.faces[self.usual.origin_face]]
+        self.source = Mesh(positions, self.usual.faces)
+        self.shares = SHARES[:1] if carries and self.scene.corner_color is not None else SHARES  # texels have vertices' colours
+        self._looks: dict[tuple[int, int], _Look] = {}
+        self._moved: dict[tuple[int, int], PictureError] = {}
+        self._fits: dict[int, _Fit] = {}
+        self._simplifying: Callable[[], Simplification] | None = None
+
+    def begin(self) -> Callable[[], Simplification]:
+        """Begins to simplify, beside the looks that need no smaller mesh; the function waits for the end."""
+        if self._simplifying is None:
+            self._simplifying = ahead(self._simplified_source, self.choice.price.threads)
+        return self._simplifying
+
+    @cached_property
+    def _seams(self):
+        """Edges at which what is carried on the faces changes, int64 [L, 2]."""
+        uvs = [uv[self.usual.origin_face] for uv in (self.scene.corner_uv, *self.scene.map_uv.values())]
+        return np.concatenate([self._borders, seam_edges(self.usual.faces, corner=np.concatenate(uvs, axis=2), apart=SAME_UV)])
+
+    @property
+    def _simplification(self):
+        return self.begin()()
+
+    def _simplified_source(self):
+        lines = [self._seams if self._carries else self._borders, sharp_edges(self.source, SHARP)]
+        if self.scene.corner_normal is not None:
+            lines.append(seam_edges(self.usual.faces, corner=self.scene.corner_normal[self.usual.origin_face], apart=HARD))
+        return simplify(self.source, np.concatenate(lines))
+
+    def look(self, place: int, bits: int) -> _Look:
+        """The mesh of a share of the faces at some position bits."""
+        if (place, bits) not in self._looks:
+            self._looks[place, bits] = self._new_look(place, bits)
+        return self._looks[place, bits]
+
+    def keep_only(self, place: tuple[int, int]) -> None:
+        """Lets go of all looks but one, of share and bits; others are made again where they are asked for, but for their
+        pictures."""
+        self._looks = {place: self.look(*place)}
+
+    def _new_look(self, place, bits):
+        if (place, bits) == (0, self.usual.cube.position_bits):
+            return _Look(kept(self.scene, self.usual), np.arange(len(self.usual.faces)), self.choice.look_at(self.usual))
+        fit = self._fit(place)
+        cube = replace(self.usual.cube, position_bits=bits)
+        surface = place_mesh(cube, joint_lattice(fit.fit, cube), fit.fit.mesh.faces, self.usual.material[fit.face])
+        if not face_areas(surface.lattice, surface.faces).any():
+            return _Look(None, fit.face, PictureError(NOTHING, 1.0, 1.0))
+        face, there = fit.face[surface.origin_face], {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
+        mesh, threads = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.choice.price.threads
+        fetched = FetchedNormals(self.source, self._points, mesh, threads)
+        sent = self._sent(surface, face, place > 0, there, fetched)
+        if (place, bits) not in self._moved:
+            self._moved[place, bits] = self._moved_by(sent, fetched)
+        return _Look(sent, face, self._moved[place, bits])
+
+    def _moved_by(self, sent, fetched):
+        """What another mesh does to pictures. fetched: FetchedNormals there."""
+        looks, wanted = self.choice.looks, None
+        normals = looks.normals_of(sent.surface)
+        if not sent.carries:
+            return looks.of(sent.source_on_mesh, sent.at_corners(normals))
+        if sent.scene.corner_normal is not None and looks.lit:
+            wanted = fetched.of(looks.normals[self.usual.origin_face].astype(np.float32))
+        return looks.of_mesh(sent.scene, sent.surface, normals, wanted, sent.source_face)
+
+    @cached_property
+    def aways(self) -> list[float]:
+        """How far meshes of each of the shares are from the source, before they are fitted, in what REFERENCE_BITS's rounding is,
+        which leaves faces: roots of mean squared distances."""
+        sent = self.look(0, REFERENCE_BITS).sent
+        assert sent is not None
+        cube, meshes = sent.surface.cube, [Mesh(sent.surface.cube.to_world(sent.surface.lattice), sent.surface.faces)]
+        for share in self.shares[1:]:
+            mesh = self._simplification.at(round(share * len(self.source.faces))).mesh
+            if len(mesh.faces) < FEWEST or len(mesh.faces) > 1.2 * share * len(self.source.faces):
+                break
+            meshes.append(mesh)
+        nearest = self._points
+
+        def away_of(mesh):
+            face, bary = sample_surface(mesh.positions, mesh.faces, FEW_POINTS)
+            return float(np.sqrt(np.square(nearest.find(points_at(mesh, face, bary)).distance).mean()))
+
+        rounding, *aways = in_order(away_of, meshes, self.choice.price.threads)
+        return [0.0, *(FIT_GAIN * away / max(rounding, 1e-9 * cube.side) for away in aways)]
+
+    def _fit(self, place):
+        """The _Fit of a share of the faces."""
+        if place not in self._fits:
+            self._fits[place] = self._new_fit(place)
+        return self._fits[place]
+
+    def _new_fit(self, place):
+        if place == 0:
+            return _Fit(own_fit(self.source), np.arange(len(self.source.faces)), {})
+        lines, threads = self._simplification.lines, self.choice.price.threads
+        some = self._simplification.at(round(self.shares[place] * len(self.source.faces)))
+        fit, uvs = fit_vertices(self.source, some.mesh, lines, some.lines, rounds=1, threads=threads), {}
+        if self._carries:
+            seams, rows = some.edges(self._seams), self.usual.origin_face
+            for name, uv in {"": self.scene.corner_uv, **self.scene.map_uv}.items():
+                uvs[name] = carried_uvs(self.source, uv[rows].astype(np.float64), self._seams, fit.mesh, some.face, seams,
+                                         threads)
+        return _Fit(fit, some.face, uvs)
+
+    def _sent(self, surface, face, simplified, uvs, fetched):
+        """A SentMesh. surface: on its lattice; face: the usual surface's that each of its faces was; uvs: of a _Fit; fetched:
+        FetchedNormals there."""
+        rows = self.usual.origin_face[face]
+        if not simplified:
+            return kept(self.scene, replace(surface, origin_face=rows))
+        return self._simplified(replace(surface, origin_face=np.arange(len(face))), rows, self.group[face], uvs, fetched)
+
+    def _simplified(self, surface, rows, group, uvs, fetched):
+        mesh, scene = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.scene
+        normals = None
+        if scene.corner_normal is not None and self.choice.looks.is_flat:
+            normals = self.choice.looks.normals_of(surface)
+        elif scene.corner_normal is not None:
+            normals = fetched.of(scene.corner_normal[self.usual.origin_face])
+        sent = replace(scene, positions=mesh.positions, faces=mesh.faces, face_material=scene.face_material[rows],
+                       corner_uv=uvs.get("", scene.corner_uv[rows]),
+                       map_uv={name: uvs.get(name, uv[rows]) for name, uv in scene.map_uv.items()},
+                       corner_color=None if scene.corner_color is None else scene.corner_color[rows],
+                       corner_normal=normals, corner_tangent=None)
+        if uvs:
+            if scene.corner_tangent is not None:
+                sent = replace(sent, corner_tangent=self._fetched_tangents(scene.corner_tangent, fetched, rows))
+            return SentMesh(scene=sent, surface=surface, source_face=rows, source_on_mesh=surface, carries=True)
+        places = draw_onto(self.source, self.group, mesh, group, self.choice.price.threads)
+        cube = finer_cube(surface.cube)
+        drawn = replace(self.usual, cube=cube, lattice=cube.to_lattice(places.mesh.positions), faces=places.mesh.faces)
+        return SentMesh(scene=sent, surface=surface, source_face=rows, source_on_mesh=drawn, corner_places=places)
+
+    def _fetched_tangents(self, tangent, fetched, rows):
+        """The scene's tangents, float32 [F, 3, 4], at the corners of another mesh: a face's own side of the image stays."""
+        way = fetched.of(np.ascontiguousarray(tangent[self.usual.origin_face][..., :3]))
+        return np.concatenate([way, tangent[rows][..., 3:]], axis=2)
+
+    def distance(self, surface: Surface) -> dict:
+        """D1, D2 and Hausdorff distance of a surface from the source: SurfaceDistance.report()."""
+        mesh = Mesh(surface.cube.to_world(surface.lattice), surface.faces)
+        return surface_distance(self.source, mesh, samples=DISTANCE_POINTS, threads=self.choice.price.threads).report()
+
+    @cached_property
+    def _points(self) -> NearestPoints:
+        return NearestPoints(self.source)
+
+
+def _is_coarser(place, other):
+    """Whether a place in shares and bits loses at least the thin parts that another does: of fewer faces, or bits of all."""
+    return place[0] >= other[0] and (other[0] > 0 or place[1] <= other[1])
+
+
+def _count_used(surface):
+    """Vertices that faces of a Surface have."""
+    return len(used_vertices(surface.faces, len(surface.lattice))[0])
+
+
+def _geometry_bytes(surface):
+    return draco_bytes(surface.lattice, surface.faces, surface.cube.position_bits)

@@ -1,0 +1,213 @@
+"""How far a picture is off because what is sent is not where the source is (encoder only).
+
+What moves is not so much the texture on the surface, by a small part of a texel, as the surface that is seen: where layers lie
+close to each other another one comes to the front, and flat faces catch the light otherwise. That is hard to reckon and easy to
+look at, so a few pictures are drawn, in light where the asset is lit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ...core.colour_error import ColourError
+from ...core.threads import in_order
+from ...geometry.areas import relative_areas
+from ...geometry.canonical import MAX_BITS, fit_cube
+from ...geometry.shading_normals import corner_normals
+from ...render.camera import bounding_sphere, fibonacci_direction, orthographic
+from ...render.lighting import Lighting
+from ...render.shade import render_lights
+from ...scene.fetch import pack_source
+from ...scene.normal_rule import BOTH, FLAT, JOINED, MOST_ANGLE, NormalRule
+from .small_parts import small_parts
+
+if TYPE_CHECKING:
+    from ...geometry.surface import Surface
+    from ...render.camera import Camera
+    from ...scene.scene import Scene
+
+VIEWS, SIZE = 16, 256
+LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that covers it
+OUTLINE = 0.04  # weight of pixels at the outline whose neighbours hide that: a viewer sees the line, not against what it moves
+PART_VIEWS, PART_SIZE = 4, 192  # pictures of small parts alone
+SMOOTH = NormalRule(JOINED, BOTH, MOST_ANGLE)  # no angle decides anything, so that rounding turns normals and no more
+PART_WEIGHT = 0.25  # of a small part's error in that of all: somebody may look at it alone, and most do not
+
+
+@dataclass(frozen=True)
+class PictureError:
+    """What moving the surface does to pictures. mse: mean squared error of Y over pixels that show both surfaces, in flat colours
+    or in light, where it is larger; silhouette: pixels that show one of them only, over those of the source; lost: those of them
+    that have no pixel of the other surface around them; of_parts: the same of each small part, looked at alone."""
+
+    mse: float
+    silhouette: float
+    lost: float
+    of_parts: tuple[PictureError, ...] = ()
+
+    @property
+    def error(self) -> float:
+        """Mean squared error of Y, with what is gone or new against its background; that of a small part where it is worse even
+        at the weight of such."""
+        own = self.mse + LOST_ERROR * max(self.lost, OUTLINE * self.silhouette)
+        return max([own, *(PART_WEIGHT * part.error for part in self.of_parts)])
+
+    @property
+    def worst_part(self) -> float:
+        """The largest mse of a small part, 0 without any."""
+        return max((part.mse for part in self.of_parts), default=0.0)
+
+    @property
+    def worst_lost(self) -> float:
+        """The largest share that is lost, of all and of small parts."""
+        return max(part.lost for part in (self, *self.of_parts))
+
+
+class _Shot(NamedTuple):
+    """Cameras that look at all of a scene or at a small part of it. faces: bool [F] of the source's, None for all; seen: the
+    source's pictures by them."""
+
+    cameras: list[Camera]
+    faces: np.ndarray | None
+    seen: list
+
+
+class PictureComparison:
+    """Looks at a Scene whose surface has moved; the source itself is drawn once, and small parts of it alone, as large as
+    somebody would look at them. usual: it on its lattice; shown: squared error of pictures by a squared radian of its shading
+    normals."""
+
+    def __init__(self, scene: Scene, usual: Surface, shown: float, threads: int) -> None:
+        self.shown, self.threads = shown, threads
+        self.scene = replace(scene, materials=[replace(m, double_sided=False) for m in scene.materials])
+        self.lit = not all(material.unlit for material in scene.materials)
+        self._source = pack_source(self.scene)
+        self._shots = [self._shot(None, VIEWS, SIZE)]
+        parts = [_of_source(usual, part, len(scene.faces)) for part in small_parts(usual)]
+        self._shots += [self._shot(part, PART_VIEWS, PART_SIZE) for part in parts]
+
+    def _shot(self, faces, views, size):
+        corners = self.scene.faces if faces is None else self.scene.faces[faces]
+        sphere = bounding_sphere(self.scene.positions if faces is None else self.scene.positions[corners.ravel()])
+        cameras = [orthographic(fibonacci_direction(i, views), *sphere, size) for i in range(views)]
+        return _Shot(cameras, faces, self._pictures(self.scene, cameras, faces))
+
+    def _pictures(self, scene, cameras, shown, source=None):
+        """In flat colours and, where there is light, in light, of faces that are shown, bool [F], or all. source: of its base
+        colour, where it is not the source's."""
+        lights, source = [None, *([Lighting(scene)] if self.lit else [])], source or self._source
+        if shown is not None:
+            scene = replace(scene, faces=np.where(shown[:, None], scene.faces, 0))
+
+        def pictures(camera):
+            return render_lights(scene, camera, lights, source=source)
+
+        first = pictures(cameras[0])  # makes what all share, tangents for one, which two threads would make twice
+        return list(zip(first, *in_order(pictures, cameras[1:], self.threads), strict=True))
+
+    def of(self, drawn: Surface, normals: np.ndarray) -> PictureError:
+        """What the source looks like on another surface. drawn: faces of the source where they are now; normals: at their corners
+        by normals_of() that surface, float32 [F, 3, 3]. In pictures the file's normals stay as they are, and how far others turn
+        is added. Halving a distance about halves the error, as the pixels lie along lines."""
+        faces = np.zeros_like(self.scene.faces)  # of those that are not there no pixel is seen
+        faces[drawn.origin_face] = drawn.faces
+        scene = replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces)
+        return self._moved(lambda shot: self._pictures(scene, shot.cameras, shot.faces), drawn, normals, self._normals_at(drawn))
+
+    def of_mesh(self, scene: Scene, surface: Surface, normals: np.ndarray, wanted: np.ndarray | None,
+                rows: np.ndarray) -> PictureError:
+        """What a Scene with the source's materials and textures, but faces, UVs and normals of its own, looks like. surface: it
+        on its lattice; normals: at its corners by normals_of(surface); wanted: what they should be, both float32 [F, 3, 3];
+        rows: int64 [F], the source's face of each."""
+        scene = replace(scene, materials=self.scene.materials)
+        source = self._source._replace(face_material=np.ascontiguousarray(scene.face_material, np.int64),
+                                       corner_uv=np.ascontiguousarray(scene.corner_uv, np.float64))
+
+        def pictures(shot):
+            return self._pictures(scene, shot.cameras, None if shot.faces is None else shot.faces[rows], source)
+
+        return self._moved(pictures, surface, normals, wanted)
+
+    def _moved(self, pictures, surface, normals, wanted):
+        """What pictures have against the source's, the worst shot counting, and normals of a Surface against what is wanted, None
+        where nothing is. pictures: makes those of a _Shot."""
+        whole, *parts = (_compared(shot.seen, pictures(shot)) for shot in self._shots)
+        turned = self.shown * _turned(surface, normals, wanted) if wanted is not None else 0.0
+        return replace(whole, mse=whole.mse + turned, of_parts=tuple(parts))
+
+    def normals_of(self, surface: Surface) -> np.ndarray:
+        """Normals that follow from a surface's positions, float32 [F, 3, 3]: flat where the source's are, else smooth."""
+        return corner_normals(surface.lattice, surface.faces, [FLAT if self.is_flat else SMOOTH])
+
+    @cached_property
+    def is_flat(self) -> bool:
+        """Whether the file's normals are rather those of its faces than smooth ones."""
+        if self.scene.corner_normal is None:
+            return False
+        apart = [np.square(self._of_source(rule) - self.scene.corner_normal).sum() for rule in (FLAT, SMOOTH)]
+        return bool(apart[0] < apart[1])
+
+    def _normals_at(self, drawn):
+        """Normals that follow from the source's positions, at the corners of its faces on another surface, float64 [F, 3, 3];
+        None where the file has no normals or no material is lit."""
+        return None if self.scene.corner_normal is None or not self.lit else self.normals[drawn.origin_face]
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Normals that follow from the source's positions, at the corners of all its faces, float64 [F, 3, 3]."""
+        return self._of_source(FLAT if self.is_flat else SMOOTH)
+
+    def _of_source(self, rule):
+        lattice = fit_cube(self.scene.positions, MAX_BITS).to_lattice(self.scene.positions)
+        return corner_normals(lattice, self.scene.faces, [rule]).astype(np.float64)
+
+
+def _of_source(surface, part, count):
+    """Faces of the source, bool [count], that a part of a Surface is what is left of. part: bool [F]."""
+    shown = np.zeros(count, bool)
+    shown[surface.origin_face[part]] = True
+    return shown
+
+
+def _compared(seen, pictures):
+    """PictureError of pairs of pictures, without normals."""
+    silhouette, lost, shown = np.sum([_uncovered(a, b) for a, b in zip(seen[0], pictures[0], strict=True)], axis=0)
+    mse = max(_mse(*pair) for pair in zip(seen, pictures, strict=True))
+    return PictureError(mse, silhouette / max(shown, 1), lost / max(shown, 1))
+
+
+def _turned(surface, normals, wanted):
+    """Mean square, over a surface, of the angles in radians between normals and others, float [F, 3, 3]."""
+    apart = np.linalg.norm(wanted - normals.astype(np.float64), axis=2)
+    angle = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
+    area = relative_areas(surface.cube.to_world(surface.lattice), surface.faces)
+    return float((angle**2).mean(axis=1) @ area / (area.sum() or 1.0))
+
+
+def _uncovered(picture, other):
+    """Pixels that one of two Pictures covers and the other does not, those of them that are alone, and pixels of the first."""
+    a, b = (np.zeros((drawn.height, drawn.width), bool) for drawn in (picture, other))
+    for covered, drawn in ((a, picture), (b, other)):
+        covered.ravel()[drawn.pixel] = True
+    near_a, near_b = (_grown(covered) for covered in (a, b))
+    return np.array([(a ^ b).sum(), (a & ~near_b).sum() + (b & ~near_a).sum(), len(picture.pixel)])
+
+
+def _grown(covered):
+    """Pixels that are covered or have a neighbour that is, of eight: bool [H, W], as it comes."""
+    rows = np.pad(covered, 1)
+    rows = rows[:-2] | rows[1:-1] | rows[2:]
+    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+
+
+def _mse(pictures, others):
+    error = ColourError()
+    for a, b in zip(pictures, others, strict=True):
+        both, of_a, of_b = np.intersect1d(a.pixel, b.pixel, assume_unique=True, return_indices=True)
+        if len(both):
+            error.add(a.colour[of_a], b.colour[of_b])
+    return error.mse()["y"] if error.samples else 0.0

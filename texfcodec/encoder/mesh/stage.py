@@ -1,0 +1,78 @@
+"""Third stage: the mesh that is sent, and with it the supports that cost least (encoder only).
+
+Faces of two fields stay apart when the mesh is simplified, so the partition is chosen here as well, for each candidate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...geometry.areas import area_shares
+from ..decision import Decision, record
+from ..place.part_fields import PartFields, choose_part_fields
+from ..place.partition import choose_fields
+from ..place.prefilter_textures import prefilter_textures
+from ..stages import Meshed
+from ..supports.choice import moved_plans, without_faces
+from ..supports.trial import Trials
+from .choice import MeshChoice
+
+if TYPE_CHECKING:
+    from ...geometry.surface import Surface
+    from ...report import Report, Step
+    from ...scene.scene import Scene
+    from ..caches import Caches
+    from ..stages import Prepared, Supported
+    from ..supports.choice import Supports
+    from ..supports.texel_plan import TexelPlan
+    from .choice import MeshRequest
+
+
+def mesh(supported: Supported, request: MeshRequest, caches: Caches, report: Report) -> Meshed:
+    """Return the Meshed of least cost among the candidate supports. Raises InputError."""
+    meshed = [_meshed(supported, candidate, request, caches, report) for candidate in supported.candidates]
+    best = max(meshed, key=lambda candidate: candidate.gain)
+    record(best.partition, report, request.strict)
+    record(best.mesh, report)
+    return best
+
+
+def _meshed(supported: Supported, candidate: Decision[Supports], request: MeshRequest, caches: Caches, report: Report) -> Meshed:
+    """The Meshed of one candidate."""
+    prepared, supports = supported.prepared, candidate.value
+    scene, reference = prepared.scene, prepared.surface
+    price = replace(supported.price, resolution=supports.resolution, values=supports.values)
+    with report.stage("partition") as step:
+        choice = MeshChoice(scene, reference, price, request, supports.mse, caches.meshes)
+        usual = choice.finer()
+        if usual is not reference:
+            supports = replace(supports, plans=moved_plans(supports.plans, scene, usual))
+        shown, partition = _partitioned(prepared, usual, supports.plans, Trials(price, caches.regions), request.partition, step)
+    with report.stage("faces") as step:
+        sent = choice.smaller(usual, partition.value.face_field, supports.plans, step)
+        if sent.value.surface is not usual:
+            supports = replace(supports, plans=moved_plans(supports.plans, sent.value.scene, sent.value.surface))
+    evidence = {"supports": candidate.evidence, "partition": partition.evidence, "mesh": sent.evidence}
+    return Meshed(prepared=prepared, supports=supports, price=price, usual=usual, shown=shown, partition=partition, mesh=sent,
+                  evidence=evidence)
+
+
+def _partitioned(prepared: Prepared, surface: Surface, plans: list[TexelPlan], trials: Trials, partition: str,
+                 step: Step) -> tuple[Scene, Decision[PartFields]]:
+    """(the scene without detail that no voxel shows, PartFields on the surface; -1 for faces of TexelPlans, which get a field
+    each)."""
+    scene, price = prepared.scene, trials.price
+    over_texels = np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(plan.group.faces for plan in plans)]))
+    if price.coder is not None:  # a joint codec reads the source itself, at points
+        scene = prefilter_textures(scene, surface, ~over_texels, price.resolution)
+    face_field, rest = np.full(len(surface.faces), -1, np.int64), ~over_texels
+    if plans and not rest.any():
+        return scene, Decision(PartFields(face_field, {}), {"fields": 0, "reason": "the whole surface is over texels"})
+    share = float(area_shares(surface.lattice, surface.faces)[rest].sum())
+    voxels = choose_fields(scene, without_faces(surface, over_texels), prepared.colours, price.on_part(share), partition, step)
+    face_field[rest] = voxels.value
+    parts = choose_part_fields(scene, surface, face_field, prepared.colours, trials)
+    return scene, replace(parts, evidence=voxels.evidence | parts.evidence, warnings=voxels.warnings)

@@ -1,0 +1,133 @@
+"""Which partition pays: candidates are compared without coding, by what their error and their fields cost."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...core.colour_error import decibels
+from ...core.json_text import json_ready
+from ...geometry.areas import face_areas
+from ...geometry.edges import face_components
+from ...report import Step, no_step
+from ..decision import Decision
+from ..prepare.uniform_colour import uniform_colour
+from .coincident_layers import part_layers
+from .contacts import MAX_FIELDS, colour_pieces, find_contacts, folding_components
+from .partition_error import codes_alpha, uncoded_errors
+
+if TYPE_CHECKING:
+    from ...geometry.surface import Surface
+    from ...scene.scene import Scene
+    from ..fee import Lagrangian
+
+FIELD_BYTES = 300  # of a further field: about 150 of its own, and as many for 0.1 to 0.4 % more voxels
+SURE_TIMES = 6.0  # what fields cost that half the resolution settles the question
+SHOWN_GAIN = 0.15  # dB of alpha at the coded quality from which its mixing is worth a warning
+MANY_FIELDS = 256  # more than a stream may have: what alpha would be like without that bound
+MOST_CANDIDATES = 4  # that _candidates() yields
+
+
+class _Trials:
+    """Weighs partitions of one surface against each other; an error once measured is kept."""
+
+    def __init__(self, scene, surface, price):
+        self.scene, self.surface, self.price, self.measured = scene, surface, price, {}
+        self.quick = max(price.resolution // 2, 1)
+
+    def _errors(self, face_field, resolution):
+        key = (face_field.tobytes(), resolution)
+        if key not in self.measured:
+            self.measured[key] = uncoded_errors(self.scene, self.surface, face_field, resolution, self.price.area_threshold,
+                                                self.price.threads)
+        return self.measured[key]
+
+    def _gains(self, base, candidate, resolution):
+        """(bytes that a candidate's smaller error is worth, dB of each channel at the coded quality, what the report says)."""
+        before, after = self._errors(base, resolution), self._errors(candidate, resolution)
+        decibel = {k: self.price.gain(before[k], after[k]) for k in before}
+        worth = self.price.cost(0, sum(before[k] - after[k] for k in before))
+        evidence = {"resolution": resolution, "gain_db": sum(decibel.values()), "gain_bytes": round(worth)}
+        for k in before:
+            evidence |= {f"psnr_{k}_before": decibels(before[k]), f"psnr_{k}_after": decibels(after[k])}
+        return worth, decibel, json_ready(evidence)
+
+    def pays(self, base, candidate):
+        """Whether a candidate saves more error than its fields cost. Half the resolution comes first, in a quarter of the time:
+        surfaces are nearer to each other there, so what does not pay there never does, and SURE_TIMES there need no second
+        look."""
+        fee = FIELD_BYTES * int(candidate.max() - base.max())
+        worth, _, evidence = self._gains(base, candidate, self.quick)
+        if fee < worth < SURE_TIMES * fee:
+            worth, _, evidence = self._gains(base, candidate, self.price.resolution)
+        return worth > fee, evidence
+
+    def mixes_alpha(self, best, others):
+        """Whether one of the other partitions shows alpha by SHOWN_GAIN better than the best."""
+        return any(all(self._gains(best, other, r)[1]["alpha"] >= SHOWN_GAIN for r in (self.quick, self.price.resolution))
+                   for other in others)
+
+
+def _candidates(scene, surface, resolution):
+    """Yields (face_field, folding components cut, Contacts): components, those cut where they fold, then both with the layers of
+    a component parted."""
+    component = face_components(surface.faces)
+    for parted in (component, part_layers(scene, surface, component)):
+        if parted is None:
+            continue
+        contacts = find_contacts(surface.lattice, surface.faces, surface.cube.position_bits, resolution, parted)
+        folding = folding_components(contacts)
+        for split in [folding[:0], folding] if len(folding) else [folding]:
+            yield colour_pieces(contacts, split), split, contacts
+
+
+def _unbounded(candidate, split, contacts):
+    """The candidates to compare alpha with: this one and, where it has as many fields as there may be, one with more."""
+    more = colour_pieces(contacts, split, MANY_FIELDS) if candidate.max() + 1 == MAX_FIELDS else candidate
+    return [candidate] if more.max() == candidate.max() else [candidate, more]
+
+
+def choose_fields(scene: Scene, surface: Surface, colours: np.ndarray, price: Lagrangian, partition: str,
+                  step: Step = no_step) -> Decision[np.ndarray]:
+    """Field number of every face, int64 [F]. Tries components, then also cut where they fold, then layers; takes what pays. Warns
+    where surfaces of different alpha stay in one field. colours: of material_colours; partition: as of EncodeOptions; step: of
+    Report.stage()."""
+    best, off, alpha = np.zeros(len(surface.faces), np.int64), partition == "off", codes_alpha(scene, surface)
+    reason = _reason_for_one(surface, colours, off, alpha)
+    if reason:
+        return Decision(best, {"fields": 1, "reason": reason})
+    trials, evidence, apart = _Trials(scene, surface, price), [], []
+    reason = "switched off" if off else "no surfaces meet in a voxel"
+    for number, (candidate, split, contacts) in enumerate(_candidates(scene, surface, price.resolution), 1):
+        step(number, MOST_CANDIDATES + 1)
+        if alpha:
+            apart += _unbounded(candidate, split, contacts)
+        if off or np.array_equal(candidate, best):
+            continue
+        pays, trial = trials.pays(best, candidate)
+        evidence.append({"fields": int(candidate.max()) + 1, "folds_cut": len(split), **trial})
+        if pays:
+            best, reason = candidate, "surfaces meet in voxels"
+        elif best.max() == 0:
+            reason = "surfaces meet in voxels, but splitting them would not be visible"
+    fields = int(best.max()) + 1
+    mixed = (_mixed_alpha(fields, off),) if trials.mixes_alpha(best, apart) else ()
+    return Decision(best, {"fields": fields, "reason": reason, "trials": evidence}, warnings=mixed)
+
+
+def _reason_for_one(surface, colours, off, alpha):
+    """Why one field will do without a trial; "" where that is to be seen."""
+    if len(surface.faces) < 2:
+        return "the mesh has one face"
+    if off and not alpha:
+        return "switched off"
+    if uniform_colour(colours, surface.material) is not None:
+        return "the surface has one colour, so no split can help"
+    return "" if face_areas(surface.lattice, surface.faces).any() else "the surface has no area"
+
+
+def _mixed_alpha(fields, off):
+    why = ("partition is off" if off else f"the number of fields is limited to {MAX_FIELDS}" if fields == MAX_FIELDS
+           else "splitting them would cost more colour than it gains")
+    return f"surfaces of different alpha share voxels, so their alpha is mixed: {why}"

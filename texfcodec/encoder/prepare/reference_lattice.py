@@ -1,0 +1,44 @@
+"""The usual lattice of a scene: position bits that leave no small part of it without its faces (encoder only)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...geometry.canonical import MAX_BITS
+from ...geometry.surface import make_surface
+
+if TYPE_CHECKING:
+    from ...geometry.surface import Surface
+    from ...scene.scene import Scene
+    from .stage import PrepareRequest
+
+CELLS = 10  # along the longest side of a scene, in which faces are counted
+FEWEST, MOST_LEFT_OUT = 12, 0.5  # faces that a cell has to lose, and share of its faces, from which on the lattice is too coarse
+BITS_A_STEP = 2
+
+
+def reference_surface(scene: Scene, request: PrepareRequest) -> Surface:
+    """The scene on its lattice at the requested position bits, or at more where they are the encoder's to choose and a statue
+    beside a large ground would fall together. Raises InputError and LimitError as make_surface()."""
+    surface = make_surface(scene, request)
+    while request.position_bits_are_free and surface.cube.position_bits < MAX_BITS and _loses_a_part(scene, surface):
+        bits = min(surface.cube.position_bits + BITS_A_STEP, MAX_BITS)
+        surface = make_surface(scene, replace(request, position_bits=bits))
+    return surface
+
+
+def _loses_a_part(scene, surface):
+    """Returns whether the lattice removes half of the faces in some cell of the scene."""
+    left = np.ones(len(scene.faces), bool)
+    left[surface.origin_face] = False
+    a, b, c = scene.faces.T
+    left &= (a != b) & (b != c) & (c != a)
+    if left.sum() < FEWEST or not surface.cube.side:
+        return False
+    middle = scene.positions[scene.faces].mean(axis=1) - surface.cube.origin
+    place = np.clip(np.floor(middle / surface.cube.side * CELLS), 0, CELLS - 1).astype(np.int64) @ (1, CELLS, CELLS**2)
+    lost, all_there = np.bincount(place[left], minlength=CELLS**3), np.bincount(place, minlength=CELLS**3)
+    return bool(((lost >= FEWEST) & (lost > MOST_LEFT_OUT * all_there)).any())

@@ -1,0 +1,413 @@
+"""Rate control by search: the stream that meets a byte budget or a PSNR, over the QP.
+
+Every other choice is the plan's, at the price of a byte that the QP sets. So there is one dimension: a first QP is guessed from
+what the supports of a plan are expected to take, values are coded there, and the line through what was coded leads to the next
+QP, between whole ones where the codec has such. A plan, which is a Filled, is made again where the QP has gone far from its own;
+caches keep what no QP changes.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..bitstream.stream import Stream, write_stream
+from ..bitstream.values import header_values
+from ..core.colour_error import decibels
+from ..decoder import decode_stream
+from ..errors import InputError
+from ..geometry.surface import make_surface
+from ..limits import UNLIMITED
+from ..metrics.psnr_3d import SAMPLES, SourceSamples
+from ..metrics.views import KeptViews, Look
+from ..options import DecodeOptions, EncodeOptions
+from ..render.environment import DAYLIGHT
+from ..report import Report
+from .caches import Cache, Caches
+from .encode import Encoder
+from .mesh.choice import FEWEST
+from .place.geometry_units import code_geometry, geometry_bytes
+from .place.stage import OverBudget
+from .values.map_planes import groups_of
+from .write import Encoded, write
+
+if TYPE_CHECKING:
+    from ..scene.scene import Scene
+    from .stages import Filled
+    from .supports.choice import Supports
+
+FIRST_QP, LAST_QP = 28, 63
+GUESSED_QPS = 14, 50  # a first guess is not beyond
+FINER_RATES = ((20, "r06"), (22, "r05"))  # up to these QPs K may be as fine as that of the rate
+BITS_PER_QP, DECIBELS_PER_QP = 0.18, 0.45  # first guesses: log2 of attribute bytes and dB lost with each QP
+LEAST_SHARE = 0.95  # of the geometry's bytes as one field, for safety: parted by components it took 1.00 to 1.23 times, 11 assets
+MESH_SHARE = 0.45  # of a stream's bytes that a mesh takes which was chosen by its price: 0.36 to 0.55, two scans, QP 24 to 33
+# dB over what is expected of colours at FIRST_QP, medians of six assets, pictures with their smaller mesh; dB a QP from there
+GAINS, GUESSED_DECIBELS = {"surface": 1.0, "flat": 0.0, "lit": 0.8}, 0.5
+UNUSED, USED = 0.03, 0.985  # share of a budget that may stay unused, and that is aimed at
+OVER, AIM_OVER = 0.145, 0.07  # dB over the PSNR that are accepted, and that are aimed at
+REACH = (3.0, 4.5, 9.0, 9.0, 9.0, math.inf)  # QPs from that of the first, second, ... plan within which it suits
+CLOSE = 4.5  # QPs between plans of which one meets the target and one does not: another in between would be like one of them
+MOST_TRIALS, MOST_STEP, CLOSED = 9, 8.0, 0.03  # of one plan; QPs at once; QPs between which no other is tried
+ENOUGH = 7  # trials in all, from which on the best that meets the target is taken, as near as it may be
+LAST_TRIALS = 3  # that the plan of the best may have beyond those
+GAP, JUMP = 0.3, 2.5  # QPs between which none is tried where the target is as far off as from so many QPs: a unit became exact
+SEARCH_SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
+VIEWS, SIZE = 8, 512
+
+
+@dataclass(kw_only=True)
+class Trial:
+    """One encode. qp: that values were coded at, which need not be whole; psnr: of Y in dB, None where nothing is seen; report:
+    warnings and dropped properties of its own."""
+
+    encoded: Encoded
+    qp: float
+    position_bits: int
+    psnr: float | None
+    psnr_of: str
+    report: Report
+    seconds: float
+
+    @property
+    def bytes(self) -> int:
+        """Of the stream."""
+        return self.encoded.sizes["total"]
+
+    def row(self) -> dict:
+        """What the report says about this trial."""
+        psnr = None if self.psnr is None or math.isinf(self.psnr) else round(self.psnr, 4)
+        return {"resolution": self.encoded.resolution, "qp": round(self.qp, 3), "bytes": self.bytes, "psnr_y": psnr,
+                "psnr_of": self.psnr_of, "faces": self.encoded.counts["faces"], "position_bits": self.position_bits,
+                "seconds": round(self.seconds, 3)}
+
+
+def encode_to_target(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
+    """The best stream within options.target_bytes, or the one of fewest bytes with a PSNR of Y of options.target_psnr.
+
+    scene: Scene; options: EncodeOptions with one of the two targets; report: Report. Returns the Encoded that keeps the target;
+    its choices hold "search", a row per trial. Raises InputError TXF-I51 where no QP does, naming the best that was reached.
+    """
+    search = _Search(scene, options, report)
+    search.refuse_hopeless()
+    search.run()
+    rows = report.trials = [trial.row() for trial in search.trials]
+    if search.best is None:
+        raise search.unreachable(rows)
+    encoded = search.best.encoded
+    encoded.choices["search"] = rows
+    for name in ("warnings", "dropped", "remarks"):
+        getattr(report, name).extend(getattr(search.best.report, name))
+    return encoded
+
+
+def least_bytes(scene: Scene, options: EncodeOptions) -> tuple[int, int]:
+    """(bytes of the header, bytes of the geometry) of a scene's stream with one field over voxels and the fewest position bits
+    that the encoder takes: known before any colour is read."""
+    surface = make_surface(scene, options)
+    geometry, _ = code_geometry(surface, np.zeros(len(surface.faces), np.int64), {})
+    header = Stream(header_values([], surface, geometry, 1, groups_of(set(), False)))
+    return len(write_stream(header)[0]), geometry_bytes(geometry)
+
+
+@dataclass(frozen=True)
+class _Target:
+    """What is searched for: a budget of bytes, or a PSNR. Places are QPs, turned around for a PSNR, so that it is always the
+    larger places that meet the target."""
+
+    budget: int | None
+    psnr: float
+
+    def place(self, qp: float) -> float:
+        """Of a QP; and the QP of a place."""
+        return qp if self.budget else LAST_QP - qp
+
+    @property
+    def slope(self) -> float:
+        """By which excess falls with each place, roughly."""
+        return BITS_PER_QP if self.budget else DECIBELS_PER_QP
+
+    def is_met(self, trial: Trial) -> bool:
+        """Whether a trial keeps what is promised."""
+        return trial.bytes <= self.budget if self.budget else _psnr(trial) >= self.psnr
+
+    def is_near(self, trial: Trial) -> bool:
+        """Whether no better trial is looked for."""
+        near = trial.bytes >= (1 - UNUSED) * self.budget if self.budget else _psnr(trial) <= self.psnr + OVER
+        return near and self.is_met(trial)
+
+    def excess(self, trial: Trial) -> float:
+        """How far a trial is from what is aimed at: log2 of bytes over, or dB under, no more than MOST_STEP places of it."""
+        if self.budget:
+            fixed, room = trial.bytes - trial.encoded.sizes["attributes"], USED * self.budget
+            excess = math.log2(max(trial.encoded.sizes["attributes"], 1) / (room - fixed)) if fixed < room else math.inf
+        else:
+            excess = self.psnr + AIM_OVER - _psnr(trial)
+        return min(max(excess, -MOST_STEP * self.slope), MOST_STEP * self.slope)
+
+    def is_better(self, trial: Trial, other: Trial | None) -> bool:
+        """Whether a trial that meets the target is better than another one that does."""
+        if other is None:
+            return True
+        return trial.bytes > other.bytes if self.budget else trial.bytes < other.bytes
+
+
+def _psnr(trial):
+    return math.inf if trial.psnr is None else trial.psnr
+
+
+@dataclass(eq=False)
+class _Line:
+    """A plan and what was tried with it. qp: that it was made at; planning: Report of it; tried: (place, excess) in order."""
+
+    plan: Filled
+    qp: int
+    planning: Report
+    tried: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def has_met(self) -> bool:
+        """Whether a trial met the target."""
+        return any(excess <= 0 for _, excess in self.tried)
+
+
+class _Search:
+    """Trials over the QP: along a plan for as long as it suits, then along another one. Meshes and supports differ from plan to
+    plan, so that what is asked for may lie between what two of them reach: then it is the plan that meets it that goes on."""
+
+    def __init__(self, scene, options, report):
+        self.scene, self.options, self.report = scene, options, report
+        self.target = _Target(options.target_bytes, options.target_psnr or 0.0)
+        self.trials: list[Trial] = []
+        self.best: Trial | None = None
+        self._lines: list[_Line] = []
+        self._encoder = Encoder(scene=scene, caches=Caches.of_search())
+        self._geometry, self._least_qp = [], 0
+        self._slope = self.target.slope
+        self._measure = _measure_of(scene, options)
+
+    def refuse_hopeless(self):
+        """Raises what unreachable() makes where header and geometry alone are over the budget: before anything is tried. Not
+        where a smaller mesh may be sent."""
+        if self.target.budget is None or (self.options.mesh_is_free and len(self.scene.faces) >= FEWEST):
+            return
+        with self.report.stage("geometry"):
+            header, geometry = self._least_bytes
+        if header + LEAST_SHARE * geometry > self.target.budget:
+            self._geometry.append(geometry)
+            raise self.unreachable([])
+
+    @cached_property
+    def _least_bytes(self):
+        return least_bytes(self.scene, self._request(FIRST_QP))
+
+    def run(self):
+        """Fills trials, and best where one meets the target."""
+        qp = self._first_qp()
+        while True:
+            report = Report(self.report.on_progress)
+            planned = self._plan(round(qp), report)
+            self.report.take_seconds(report)
+            if planned is None:  # its geometry takes the whole budget
+                if round(qp) == LAST_QP:
+                    return
+                self._least_qp = round(qp) + 1
+                qp = min(round(qp) + MOST_STEP, LAST_QP)
+                continue
+            reach = REACH[min(len(self._lines), len(REACH) - 1)]
+            self._lines.append(_Line(planned, round(qp), report))
+            further = self._along(self._lines[-1], qp, reach)
+            if further is None and self.best is None and not planned.is_uniform:
+                further = self._easier(round(qp))
+            elif further is not None and (settled := self._settled()):
+                self._along(settled, self._following(settled), math.inf, max(ENOUGH, len(self.trials) + LAST_TRIALS))
+                return
+            if further is None:
+                return
+            qp = further
+
+    def _settled(self):
+        """The line that goes on where plans close to each other meet and miss the target; None where another plan is made."""
+        met, missed = ([line for line in self._lines if line.has_met is is_met] for is_met in (True, False))
+        near = [a for a in met for b in missed if abs(a.qp - b.qp) <= CLOSE]
+        return min(near, key=lambda line: min(-excess for _, excess in line.tried if excess <= 0)) if near else None
+
+    def _from_met(self, line, qp):
+        """QPs to that of the nearest other line that met the target."""
+        return min((abs(qp - other.qp) for other in self._lines if other.has_met and other is not line), default=math.inf)
+
+    def _following(self, line):
+        """The QP to try next on a line; None where none is left."""
+        place = next_place(line.tried, self._slope, not line.plan.price.planes.has_fractions)
+        return None if place is None else max(self.target.place(place), self._least_qp)
+
+    def _along(self, line, qp, reach, enough=ENOUGH):
+        """Tries QPs on a line. Returns the QP that another plan suits better; None where the search is done. reach: QPs from that
+        of the plan that it suits; enough: trials in all."""
+        if qp is not None and not line.plan.price.planes.has_fractions:
+            qp = round(qp)
+        while qp is not None and len(line.tried) < MOST_TRIALS:
+            trial = self._encode(line.plan, qp, line.planning)
+            is_enough = self.best is not None and len(self.trials) >= enough
+            if line.plan.is_uniform or is_enough or self.target.is_near(trial):
+                return None
+            line.tried.append((self.target.place(qp), self.target.excess(trial)))
+            self._slope = slope_of(line.tried, self._slope)
+            qp = self._following(line)
+            if qp is not None and abs(qp - line.qp) > min(reach, self._from_met(line, qp)):
+                return self._between(qp)
+        return None
+
+    def _easier(self, qp):
+        """A QP whose plan is likelier to meet the target than that of a QP; None where there is none."""
+        place = self.target.place(qp)
+        return self.target.place(min(place + MOST_STEP, LAST_QP)) if place < LAST_QP else None
+
+    def _between(self, qp):
+        """The QP for another plan, or where trials have missed and met the target, with whichever plans, one between those of
+        both that are nearest to it."""
+        known = [(self.target.excess(trial), trial.qp) for trial in self.trials]
+        missed = min((point for point in known if point[0] > 0), default=None)
+        met = max((point for point in known if point[0] <= 0), default=None)
+        if not (missed and met):
+            return qp
+        share = min(max(missed[0] / (missed[0] - met[0]), 0.2), 0.8)
+        return missed[1] + share * (met[1] - missed[1])
+
+    def _first_qp(self):
+        """A QP that is likely to meet the target, by what supports at FIRST_QP are expected to take."""
+        report = Report(self.report.on_progress)
+        supports = self._encoder.supported(self._request(FIRST_QP), report).candidates[0].value
+        self.report.take_seconds(report)
+        if not supports.attributes or not supports.mse or not supports.colour_mse:
+            return FIRST_QP
+        qp = FIRST_QP + (self._by_bytes(supports, self.target.budget) if self.target.budget else self._by_psnr(supports))
+        return FIRST_QP if abs(qp - FIRST_QP) < 1 else min(max(qp, GUESSED_QPS[0]), GUESSED_QPS[1])
+
+    def _by_bytes(self, supports: Supports, budget: int) -> float:
+        """QPs from FIRST_QP, by the bytes that attributes take there and those that the budget leaves them."""
+        left = budget - sum(self._least_bytes)
+        if self.options.mesh_is_free and not supports.plans:
+            left = max(left, (1 - MESH_SHARE) * budget)
+        return math.log2(supports.attributes / max(left, 0.1 * budget)) / BITS_PER_QP
+
+    def _by_psnr(self, supports: Supports) -> float:
+        """QPs from FIRST_QP, by the dB that are expected there."""
+        of = self.options.target_psnr_of
+        mse = supports.mse if of == "lit" else supports.colour_mse
+        return (decibels(mse or 1.0) + GAINS[of] - self.target.psnr) / GUESSED_DECIBELS
+
+    def _encode(self, planned, qp, planning):
+        """The Trial of a plan at a QP, which is kept where it is the best. planning: Report of the plan."""
+        begin, report = time.perf_counter(), Report(self.report.on_progress)
+        encoded = write(planned.between(qp), report)
+        with report.stage("measure"):
+            texf = _decoded(encoded, self.options.threads)
+            psnr = self._measured(texf, encoded, report)
+        self.report.take_seconds(report)
+        for name in ("warnings", "dropped", "remarks"):
+            setattr(report, name, [*getattr(planning, name), *getattr(report, name)])
+        trial = Trial(encoded=encoded, qp=qp, position_bits=planned.surface.cube.position_bits, psnr=psnr,
+                      psnr_of=self.options.target_psnr_of, report=report, seconds=time.perf_counter() - begin)
+        self.trials.append(trial)
+        if self.target.is_met(trial) and self.target.is_better(trial, self.best):
+            self.best = trial
+        for other in self.trials:
+            if other is not self.best:
+                other.encoded.data, other.encoded.values = b"", []
+        return trial
+
+    def _measured(self, texf, encoded, report):
+        """PSNR of Y in dB, infinite for a lossless one; None, with a warning, where nothing is seen."""
+        try:
+            quality = self._measure(texf)
+        except InputError as error:
+            if not self.target.budget or error.code not in ("TXF-I94", "TXF-I95"):
+                raise
+            report.warnings.append(error.message)
+            return None
+        if self.options.target_psnr_of == "surface":
+            encoded.psnr_3d = quality
+        return math.inf if quality["y"] is None else quality["y"]
+
+    def _request(self, qp):
+        request = self.options.without_target()
+        rate = next((rate for most, rate in FINER_RATES if qp <= most), request.rate)
+        return request.changed(qp=qp, **({"rate": rate} if request.rate_is_free else {}))
+
+    def _plan(self, qp, report) -> Filled | None:
+        """The plan for a QP, None where its geometry is over the budget."""
+        try:
+            return self._encoder.filled(self._request(qp), report, budget=self.target.budget)
+        except OverBudget as over:
+            self._geometry.append(over.geometry)
+            return None
+
+    def unreachable(self, rows):
+        """The error that names the best of what was tried."""
+        if self.target.budget:
+            geometry = min([*self._geometry, *(t.encoded.sizes["geometry"] for t in self.trials)])
+            least = min(rows, key=lambda r: r["bytes"], default=None)
+            best = least and {"best": least["bytes"], "resolution": least["resolution"], "qp": least["qp"]}
+            return InputError("TXF-I51", f"no QP meets the budget: geometry alone takes {geometry} bytes; lower --position-bits",
+                              value=self.target.budget, **(best or {"allowed": f"> {geometry}"}))
+        most = max(rows, key=lambda r: r["psnr_y"] or math.inf)
+        return InputError("TXF-I51", f"no QP reaches this PSNR of {most['psnr_of']}", value=self.target.psnr,
+                          best=round(most["psnr_y"], 2), resolution=most["resolution"], qp=most["qp"])
+
+
+def _measure_of(scene, options):
+    """The function of a Texf whose PSNR of Y a search goes by: {"y", ...} in dB. What it needs of the source is made at its first
+    call, and kept."""
+    cache, threads = Cache(), options.threads
+    if options.target_psnr_of == "surface":
+        samples = SAMPLES if options.measure else SEARCH_SAMPLES
+        source = lambda: SourceSamples(scene, samples, threads)
+        return lambda texf: cache.get("samples", source).compare(texf)
+    look = Look(environment=DAYLIGHT if options.target_psnr_of == "lit" else None)
+    views = lambda: KeptViews(scene, VIEWS, SIZE, look)
+    return lambda texf: cache.get("views", views).compare(texf, threads)["psnr"]
+
+
+def _decoded(encoded, threads):
+    """The Texf of a stream, with the values that the encoder had from its mirror of the decoder."""
+    known = lambda values, group: group.join(encoded.values[values["field_index"]])
+    return decode_stream(encoded.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report(), known)
+
+
+def slope_of(tried: list[tuple[float, float]], slope: float) -> float:
+    """By which excess falls with a place between the latest two of (place, excess), but not far from a slope that is likely."""
+    if len(tried) < 2 or abs(tried[-1][0] - tried[-2][0]) < 0.5:
+        return slope
+    own = (tried[-2][1] - tried[-1][1]) / (tried[-1][0] - tried[-2][0])
+    return min(max(own, 0.4 * slope), 2.5 * slope)
+
+
+def next_place(tried: list[tuple[float, float]], slope: float, whole: bool = False) -> float | None:
+    """Where excess may be 0, in 0..LAST_QP; None where nothing is left to try.
+
+    tried: (place, excess) in order; excess falls with place, at first by about `slope`; whole: whether places are whole numbers,
+    which then are the first whose excess is not above 0."""
+    low = max((point for point in tried if point[1] > 0), default=None)
+    high = min((point for point in tried if point[1] <= 0), default=None)
+    if low and high:
+        width = high[0] - low[0]
+        closed = GAP if low[1] - high[1] > JUMP * slope else CLOSED
+        if width <= (1 if whole else closed):
+            return None
+        share = low[1] / (low[1] - high[1])
+        share = 0.5 if len(tried) > 4 and len(tried) % 2 else min(max(share, 0.1), 0.9)
+        place = low[0] + share * width
+        return min(max(math.ceil(place), low[0] + 1), high[0] - 1) if whole else place
+    place, excess = tried[-1]
+    if len(tried) > 2 and excess == tried[-2][1] == tried[-3][1] and abs(excess) < MOST_STEP * slope:
+        return None  # no QP changes anything any more
+    step = min(max(excess / slope, -MOST_STEP), MOST_STEP)
+    following = min(max(place + step, 0), LAST_QP)
+    following = math.ceil(following) if whole else following
+    return None if abs(following - place) < CLOSED else following

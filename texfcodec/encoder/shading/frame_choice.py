@@ -1,0 +1,288 @@
+"""Whether a decoder's tangent frames, which it makes of UVs, are those that the file's TANGENTs and normals mean (encoder only).
+
+Where they are not, a normal map would point elsewhere: its texels are turned into the decoder's frame, which needs no byte of its
+own. Texels that faces of different frames share, as the halves of a mirrored model do, cannot be right for all of them: they get
+the mean by area, or the faces whose frame is far off become a field of their own where the picture gains more than that costs.
+What stays off is said.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ...field.texel_set import asked_texels
+from ...geometry.areas import face_areas
+from ...geometry.tangents import corner_tangents
+from ...render.tangent_frames import tangent_space_normals
+from ...scene.channels import BY_NAME, NORMAL_MAPS
+from ...scene.factors import factor_of
+from ...scene.fetch import values_of_map
+from ..decision import Decision
+from ..prepare.channel_weights import shown_of_radians
+from ..supports.texel_plan import TexelPlan, wrapped
+from ..values.shown_maps import NORMAL, Frames, turn_of
+from .normal_rules import ENOUGH, POINTS, quantiles, tolerance_of
+from .rotated_normal_map import mean_matrices, turned_texels
+
+if TYPE_CHECKING:
+    from ...geometry.surface import Surface
+    from ...scene.scene import Scene
+    from ..caches import Cache
+    from ..price import Lagrangian
+    from .normal_rules import Shading
+
+SAMPLES = 20_000  # points, evenly by area
+ELSEWHERE = 10.0  # degrees that nobody takes for the same normal
+OFF = 0.05  # of a matrix between two frames, three degrees: faces from here on have their texels turned
+FAR = 0.5  # of it: other hands, or turned by more than a fifth of a right angle: what cannot share texels with the others
+CLIP = 30.0  # degrees: what is further off looks no worse
+PARTS = 4  # of each edge of a face whose corners need different things
+CORNERS = np.eye(3)
+BLOCK = 1 << 16  # faces at a time
+LEAST_SHARE = 1e-4  # of the surface: fewer such faces are left alone
+# What turning has to gain, in dB of the lit picture, and what as many texels again have to, which faces of other frames are given
+# for themselves: 3.3 dB of the fan cost 40 % from r03 to r04.
+LEAST_GAIN, DECIBELS_A_DOUBLING = 0.02, 6.0
+
+
+@dataclass(frozen=True)
+class _Mapped:
+    """Faces of a plan that its normal map bends, and frames of their corners, columns along u, along v and outwards: how the
+    source has them, and how a decoder makes them. faces: int64 [N] of the surface; uv: float64 [N, 3, 2], texels of the group's
+    image; area: float64 [N]; source, decoder: float32 [N, 3, 3, 3]."""
+
+    plan: TexelPlan
+    faces: np.ndarray
+    uv: np.ndarray
+    area: np.ndarray
+    source: np.ndarray
+    decoder: np.ndarray
+
+    def between(self, faces: np.ndarray | slice = slice(None), bary: np.ndarray = CORNERS) -> np.ndarray:
+        """What brings a normal from the source's frame into the decoder's at points of some faces, bary float64 [P, 3], alike for
+        all: float64 [N, P, 3, 3]; the unit matrix where one of them is flat."""
+        source, decoder = (_frames_at(axes[faces], bary) for axes in (self.source, self.decoder))
+        out = np.broadcast_to(np.eye(3), source.shape).copy()
+        good = (np.abs(np.linalg.det(decoder)) > OFF) & (np.abs(np.linalg.det(source)) > OFF)
+        out[good] = np.linalg.solve(decoder[good], source[good])
+        return out
+
+    @cached_property
+    def apart(self) -> np.ndarray:
+        """How much the frames of each face differ at most, float64 [N]."""
+        blocks = [self.between(slice(begin, begin + BLOCK)) for begin in range(0, len(self.faces), BLOCK)]
+        return np.concatenate([np.sqrt(((block - np.eye(3)) ** 2).sum(axis=(2, 3))).max(axis=1) for block in blocks])
+
+    def in_two(self, apart: np.ndarray) -> list[TexelPlan]:
+        """Plans of its own for some faces, bool [N], and for the others, those without a normal map among them."""
+        group = self.plan.group
+        chosen = np.isin(group.faces, self.faces[apart])
+        return [replace(self.plan, group=replace(group, faces=group.faces[part], uv=group.uv[part]))
+                for part in (~chosen, chosen) if part.any()]
+
+
+def fit_frames(scene: Scene, surface: Surface, shading: Shading, plans: list[TexelPlan], price: Lagrangian,
+               cache: Cache) -> Decision[list[TexelPlan]]:
+    """Plans over texels whose normal maps suit the frames of a decoder, some of them in two where that pays; says how far the
+    normals that light sees are off afterwards, the maps themselves being exact.
+
+    Only where the file has TANGENTs, for others have the decoder's frames. cache: of fitted plans.
+    """
+    if scene.corner_tangent is None or not any(NORMAL in plan.group.maps for plan in plans):
+        return Decision(plans, {})
+    frames, digest = Frames(scene, surface, partial(shading.corner_normals, surface)), surface.digest()
+    keys = [_FrameKey(price.qp, digest, shading.signature, plan.signature) for plan in plans]
+    fitted = [cache.get(key, partial(_fitted, frames, plan, price)) for key, plan in zip(keys, plans, strict=True)]
+    bent = [fit for fit in fitted if fit.area]
+    flat = [plan for fit in fitted for plan in fit.plans]
+    return _judged(flat, bent, price.qp) if bent else Decision(flat, {})
+
+
+def _fitted(frames, plan, price):
+    """The _Fitted of a plan."""
+    mapped = _mapped(frames, plan)
+    return _Fitted([plan]) if mapped is None else _best(frames, mapped, price)
+
+
+class _FrameKey(NamedTuple):
+    """What fitting a plan to frames depends on beside the scene."""
+
+    qp: int
+    surface: bytes
+    shading: tuple
+    plan: tuple
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """What a plan became. errors: degrees at points float64 [M]; area: of the faces with a normal map; turned: texels."""
+
+    plans: list[TexelPlan]
+    errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    area: float = 0.0
+    turned: int = 0
+
+
+def _best(frames, mapped, price):
+    """The _Fitted of a plan: as it is, with turned texels, or in two, so that faces off their frame share none with others."""
+    best = _Fitted([mapped.plan], _errors(frames, [mapped], [mapped.plan]), float(mapped.area.sum()))
+    shown = shown_of_radians(frames.scene.weights)
+    error = lambda errors: shown * float((np.radians(np.minimum(errors, CLIP)) ** 2).mean())
+    for least in (OFF, FAR):  # all together; then those that are far off for themselves
+        apart = mapped.apart > least
+        if not mapped.area[apart].sum() > LEAST_SHARE * best.area or price.gain(error(best.errors), 0.0) < LEAST_GAIN:
+            break
+        parts = [mapped] if least == OFF else [_mapped(frames, plan) for plan in mapped.in_two(apart)]
+        if None in parts:
+            break  # all that the map bends is apart already
+        tried = [_turned(frames, part) for part in parts]
+        errors = _errors(frames, parts, [plan for plan, _ in tried])
+        more = sum(_texels(part.plan) for part in parts) / _texels(mapped.plan) - 1 if len(parts) > 1 else 0.0
+        if price.gain(error(best.errors), error(errors)) > DECIBELS_A_DOUBLING * more + LEAST_GAIN:
+            best = _Fitted([plan for plan, _ in tried], errors, best.area, sum(turned for _, turned in tried))
+    return best
+
+
+def _texels(plan):
+    """How many texels the faces of a plan ask."""
+    uv = plan.corner_uv().reshape(-1, 2)
+    return len(asked_texels(uv, np.arange(len(uv)).reshape(-1, 3), plan.fraction_bits, plan.size, plan.group.wrap))
+
+
+def _judged(plans, bent, qp):
+    """The Decision on plans. bent: _Fitted of those that have a normal map."""
+    errors = np.concatenate([fit.errors for fit in bent])
+    weight = np.concatenate([np.full(len(fit.errors), fit.area / len(fit.errors)) for fit in bent])
+    degrees = [round(value, 3) for value in quantiles(errors, weight, POINTS)]
+    share = round(float(np.average(errors > ELSEWHERE, weights=weight)), 4)
+    evidence = {"mapped_degrees": degrees, "mapped_elsewhere": share, "turned_texels": sum(fit.turned for fit in bent),
+                "split_fields": sum(len(fit.plans) > 1 for fit in bent)}
+    allowed = max(tolerance_of(qp), 1.0)
+    if degrees[0] <= ENOUGH[0] * allowed and degrees[1] <= ENOUGH[1] * allowed:
+        return Decision(plans, evidence)
+    warning = (f"normal maps differ in direction from the file's TANGENTs, by {degrees[0]} degrees or more on half of their "
+               f"surface and {degrees[1]} on 5 % ({100 * share:.2g} % differ by more than {ELSEWHERE:.0f}); recompute the "
+               "TANGENTs with MikkTSpace from the same UVs, or encode with --support voxels")
+    return Decision(plans, evidence, warnings=(warning,))
+
+
+def _mapped(frames, plan):
+    """The _Mapped of a plan, None where nothing of it is bent by a normal map."""
+    scene, surface, group = frames.scene, frames.surface, plan.group
+    bent = np.array([NORMAL in material.maps and not material.unlit for material in scene.materials], bool)
+    chosen = bent[surface.material[group.faces]]
+    if NORMAL not in group.maps or not chosen.any():
+        return None
+    faces, rebuilt = group.faces[chosen], frames.rebuilt[group.faces[chosen]]
+    tangents = corner_tangents(surface.lattice.astype(np.float64), surface.faces[faces], plan.corner_uv()[chosen], rebuilt)
+    decoder, turn = _axes(tangents, rebuilt), turn_of(scene, surface, group.faces)
+    if turn is not None:
+        decoder[..., :2] = decoder[..., :2] @ turn.astype(np.float32)
+    source = _axes(frames.tangent(NORMAL)[faces], frames.normal[faces])
+    area = face_areas(surface.lattice, surface.faces[faces])
+    return _Mapped(plan, faces, group.uv[chosen], area, source, decoder) if area.any() else None
+
+
+def _frames_at(axes, bary):
+    """Frames at points, float64 [N, P, 3, 3], as a shader makes them of the corners', [N, 3, 3, 3]: directions and hands are
+    interpolated, and made unit."""
+    axes = axes.astype(np.float64)
+    along, out = (np.einsum("pc,nck->npk", bary, axes[..., column]) for column in (0, 2))
+    hand = np.einsum("pc,nc->np", bary, np.sign(np.linalg.det(axes)))
+    along, out = (each / np.maximum(np.linalg.norm(each, axis=2, keepdims=True), 1e-12) for each in (along, out))
+    return _axes(np.concatenate([along, hand[..., None]], axis=2), out)
+
+
+def _axes(tangent, normal):
+    """Frames [N, P, 3, 3] of tangents [N, P, 4] and normals [N, P, 3]."""
+    along = tangent[..., :3]
+    across = np.cross(normal, along) * np.where(tangent[..., 3:] < 0, np.float32(-1), np.float32(1))
+    return np.stack([along, across, normal], axis=-1)
+
+
+def _errors(frames, parts, plans):
+    """Degrees between the normals that the source has and those of a decoder, at SAMPLES points evenly over the faces of
+    _Mapped parts, with the normal maps of their plans: float64 [N]."""
+    counts = [SAMPLES * float(part.area.sum()) / sum(float(each.area.sum()) for each in parts) for part in parts]
+    return np.concatenate([_errors_of(frames, part, plan, max(round(count), 1))
+                           for part, plan, count in zip(parts, plans, counts, strict=True)])
+
+
+def _errors_of(frames, mapped, plan, count):
+    """The same of one part, at so many points."""
+    edges = np.cumsum(mapped.area)
+    at = np.minimum(np.searchsorted(edges, (np.arange(count) + 0.5) / count * edges[-1]), len(edges) - 1)
+    bary = np.random.default_rng(0).dirichlet(np.ones(3), count)
+    faces = mapped.faces[at]
+    texel, scale = _bilinear(plan.group, NORMAL, np.einsum("nc,ncd->nd", bary, mapped.uv[at])), _scale(frames, NORMAL, faces)
+    frame = np.einsum("nc,ncij->nij", bary, mapped.decoder[at]).astype(np.float32)
+    hand = np.where(np.linalg.det(frame) < 0, np.float32(-1), np.float32(1))
+    got = tangent_space_normals(texel, scale, frame[..., 2], np.column_stack([frame[..., 0], hand]), frames.geometric[faces])
+    apart = np.linalg.norm(got.astype(np.float64) - frames.bent(NORMAL, faces, bary), axis=1)
+    return np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0)))
+
+
+def _scale(frames, name, faces):
+    """Of a normal map on faces, float32 [N]."""
+    of_material = [factor_of(material.parameters, BY_NAME[name].parameter)[0] for material in frames.scene.materials]
+    return np.array(of_material, np.float32)[frames.surface.material[faces]]
+
+
+def _neighbours(place, size, wrap):
+    """Texels around places [N, 2], in texels of an image of `size`: (flat index int64 [N], weight float64 [N]) four times."""
+    low = np.floor(place - 0.5)
+    share = place - 0.5 - low
+    columns, rows = ([wrapped(low[:, k].astype(np.int64) + step, size[k], wrap[k]) for step in (0, 1)] for k in (0, 1))
+    for j, row in enumerate(rows):
+        for i, column in enumerate(columns):
+            yield row * size[0] + column, np.abs(1 - i - share[:, 0]) * np.abs(1 - j - share[:, 1])
+
+
+def _bilinear(group, name, place):
+    """x and y of a group's normal map, float32 [N, 2] in 0..255, at places [N, 2] in texels of the group's image."""
+    image = group.maps[name]
+    size = image.shape[1], image.shape[0]
+    flat = image.reshape(-1, image.shape[2])
+    return values_of_map(name, sum(weight[:, None] * flat[index] for index, weight in
+                                   _neighbours(place * (np.array(size) / group.size), size, group.wrap)))
+
+
+def _turned(frames, mapped):
+    """(the plan with normal maps in the decoder's frame where faces are off, how many texels that changed)."""
+    off = mapped.apart > OFF
+    if not off.any():
+        return mapped.plan, 0
+    maps, group, changed = dict(mapped.plan.group.maps), mapped.plan.group, 0
+    parts, others = _divided(mapped, np.flatnonzero(off)), (mapped.uv[~off], mapped.area[~off])
+    for name in sorted(NORMAL_MAPS & set(maps)):
+        image = maps[name].copy()
+        size = image.shape[1], image.shape[0]
+        texels, matrices = mean_matrices(parts, others, np.array(size) / group.size, size, group.wrap)
+        scale = float(np.average(_scale(frames, name, mapped.faces[off]), weights=mapped.area[off]))
+        flat = image.reshape(-1, image.shape[2])
+        flat[texels, :3] = turned_texels(values_of_map(name, flat[texels]), matrices, scale)
+        maps[name], changed = image, changed + len(texels)
+    return replace(mapped.plan, group=replace(group, maps=maps)), changed
+
+
+def _divided(mapped, faces):
+    """(uv float64 [M, 3, 2], matrices between the frames of their corners [M, 3, 3, 3], area [M]) of some faces, in parts where
+    what one needs changes from corner to corner: frames turn over on the middle line of mirrored models."""
+    between = mapped.between(faces)
+    bent = np.abs(between - between[:, :1]).max(axis=(1, 2, 3)) > OFF
+    even, uneven = faces[~bent], faces[bent]
+    points = np.array([(i, j, PARTS - i - j) for i in range(PARTS + 1) for j in range(PARTS + 1 - i)]) / PARTS
+    number = {tuple(np.rint(PARTS * point).astype(int)): k for k, point in enumerate(points)}
+    corner = lambda i, j: number[i, j, PARTS - i - j]
+    up = [(corner(i, j), corner(i + 1, j), corner(i, j + 1)) for i in range(PARTS) for j in range(PARTS - i)]
+    down = [(corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)) for i in range(PARTS) for j in range(PARTS - 1 - i)]
+    parts = np.array(up + down)
+    uv = np.einsum("pc,ncd->npd", points, mapped.uv[uneven])[:, parts].reshape(-1, 3, 2)
+    matrices = mapped.between(uneven, points)[:, parts].reshape(-1, 3, 3, 3)
+    area = np.repeat(mapped.area[uneven] / len(parts), len(parts))
+    return (np.concatenate([mapped.uv[even], uv]), np.concatenate([between[~bent], matrices]),
+            np.concatenate([mapped.area[even], area]))

@@ -1,0 +1,131 @@
+"""The results of the stages of an encode, in order: Prepared, Supported, Meshed, Shaded, Placed, Filled (encoder only).
+
+encode.py calls the stages. Each result is frozen and holds the result that it was made from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from ..scene.channels import COLOURS
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..codecs.base import Source
+    from ..geometry.surface import Surface
+    from ..options import EncodeOptions
+    from ..scene.scene import Material, Scene
+    from .decision import Decision
+    from .mesh.choice import SentMesh
+    from .place.part_fields import PartFields
+    from .price import Lagrangian
+    from .shading.normal_rules import Shading
+    from .supports.choice import Supports
+    from .supports.texel_plan import TexelPlan
+    from .values.source_field import SourceField
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prepared:
+    """The scene as it has to be coded. scene: with the materials that are needed, and measured weights; materials: as the stream
+    holds them; surface: on the reference lattice; colours: float32 [materials, 4], of material_colours()."""
+
+    scene: Scene
+    materials: list[Material]
+    surface: Surface
+    colours: np.ndarray
+    evidence: dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Supported:
+    """Candidate supports, the first of least cost on the source's mesh. price: at the requested quality."""
+
+    prepared: Prepared
+    price: Lagrangian
+    candidates: tuple[Decision[Supports], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Meshed:
+    """The supports that were taken, with their mesh. supports: on the mesh that is sent; price: at their K; usual: the source's
+    Surface at its bits; shown: the scene without detail that no voxel shows; partition: face fields on usual; mesh: what is
+    sent; evidence: of supports, partition and mesh."""
+
+    prepared: Prepared
+    supports: Supports
+    price: Lagrangian
+    usual: Surface
+    shown: Scene
+    partition: Decision[PartFields]
+    mesh: Decision[SentMesh]
+    evidence: dict[str, Any]
+
+    @property
+    def gain(self) -> float:
+        """Bytes that the mesh saves, less those that the supports cost above the best."""
+        return self.mesh.value.saved - self.supports.extra_bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shaded:
+    """How normals are made again. plans: TexelPlans, whose normal maps suit the decoder's frames."""
+
+    meshed: Meshed
+    shading: Shading
+    plans: list[TexelPlan]
+    evidence: dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placed:
+    """Where values lie. geometry: syntax values of the geometry units; source: what is coded, by channels and fields, on the mesh
+    that is sent; fields: SourceFields without colours over voxels, with them over texels; names: of the channels that each field
+    over voxels has maps of."""
+
+    shaded: Shaded
+    geometry: list[dict]
+    source: Source
+    fields: list[SourceField]
+    names: list[set[str]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Filled:
+    """All that the stream holds but coded values; it does not depend on the QP, but for what choosing supports took from it.
+
+    request: as it came; price: at the quality that is coded, at the chosen K; surface: the mesh that is sent; geometry, source:
+    as of Placed; fields: SourceFields with values, without them if the codec reads the source itself; materials: as the stream
+    holds them; resolution: K, None if nothing is over voxels; evidence: of every choice by its name.
+    """
+
+    request: EncodeOptions
+    price: Lagrangian
+    surface: Surface
+    geometry: list[dict]
+    source: Source
+    fields: list[SourceField]
+    materials: list[Material]
+    shading: Shading
+    resolution: int | None
+    evidence: dict[str, Any]
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the only value is one colour, so that no QP changes the stream."""
+        return all(part.is_uniform for part in self.fields) and all(group.channels[0] in COLOURS for group in self.source.groups)
+
+    @property
+    def qp(self) -> int | None:
+        """QP of the values; None if an error bound sets it, or the codec has none."""
+        return self.request.qp if self.price.coder is None else self.price.coder.qp
+
+    def with_qp(self, qp: int) -> Filled:
+        """The same at another QP: supports and values stay."""
+        return replace(self, price=replace(self.price, coder=self.price.planes.at(qp=qp)))
+
+    def between(self, qp: float) -> Filled:
+        """The same at a QP between whole ones if its codec has such, else at the next finer one; a byte has its price there."""
+        return replace(self, price=replace(self.price, qp=round(qp), coder=self.price.planes.between(qp)))

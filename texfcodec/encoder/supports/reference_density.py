@@ -1,0 +1,40 @@
+"""How many values a source has, whatever will be coded of it: what the price of a byte is about (encoder only).
+
+Where a step is the same, so is what a bit of values buys, in squared error of values: fewer values on the same surface mean that
+each bit shows on more of the picture. That number must not depend on any choice, or a finer rate could be a cheaper one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...geometry.areas import face_areas
+from .probe import VOXELS_PER_AREA
+
+if TYPE_CHECKING:
+    from ...geometry.surface import Surface
+    from .image_groups import ImageGroup
+
+REFERENCE_K, LEAST_K = 1024, 256  # no source counts as coarser than voxels of the latter
+
+
+def reference_values(surface: Surface, groups: list[ImageGroup], others: np.ndarray) -> float:
+    """Values that the whole surface would have if all of it were as dense as what is coded: an image has its texels, but no more
+    than voxels of REFERENCE_K, and anything else such voxels. Palettes and flat colours do not count.
+
+    others: bool [F], faces outside of the groups that show more than one colour."""
+    voxels = face_areas(surface.lattice, surface.faces) * (REFERENCE_K / (1 << surface.cube.position_bits)) ** 2 * VOXELS_PER_AREA
+    whole = float(voxels.sum())
+    parts = [(float(voxels[group.faces].sum()), texels_shown(group)) for group in groups if not group.palette]
+    parts.append((float(voxels[others].sum()), np.inf))
+    covered = sum(own for own, _ in parts)
+    density = sum(min(pair) for pair in parts) / covered if covered else 1.0
+    return max(whole * max(density, (LEAST_K / REFERENCE_K) ** 2), 1.0)
+
+
+def texels_shown(group: ImageGroup) -> float:
+    """Texels of an image that its UVs show, roughly."""
+    u, v = group.uv[:, 1] - group.uv[:, 0], group.uv[:, 2] - group.uv[:, 0]
+    return min(float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() / 2), group.size[0] * group.size[1])

@@ -1,0 +1,138 @@
+"""From an image group to a field over texels: integer UVs, the texels they ask, and their values (encoder only)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...bitstream.syntax import MAX_UV_ORIGIN
+from ...errors import LimitError
+from ...field.texel_set import asked_texels, count_rows, shown_area
+from ...field.texels import TexelSupport
+from ...geometry.areas import face_areas
+from ...geometry.draco import MAX_UV_BITS
+from ...scene.channels import BY_NAME
+from ...scene.fetch import values_of_map
+from ...scene.scene import WRAP_CLAMP, WRAP_REPEAT
+from ..values.shown_maps import turn_of, turned
+from ..values.source_field import SourceField, colour_planes
+from .resample import resampled
+
+if TYPE_CHECKING:
+    from ...codecs.base import Source
+    from ...geometry.surface import Surface
+    from ...limits import Limits
+    from .image_groups import ImageGroup
+
+MOST_FRACTION_BITS = 8
+FULL_BITS = 2  # of UVs where only the weights of texels are at stake
+
+
+@dataclass(frozen=True)
+class TexelPlan:
+    """A field over texels to come. group: ImageGroup; size: (width, height) that it is coded at; fraction_bits: of its UVs;
+    qp_offset: of its values, to the rate's QP."""
+
+    group: ImageGroup
+    size: tuple[int, int]
+    fraction_bits: int
+    qp_offset: int = 0
+
+    @property
+    def signature(self) -> tuple:
+        """Stands for all of it, on one surface: hashable."""
+        return self.group.key, self.group.faces.tobytes(), self.size, self.fraction_bits, self.qp_offset
+
+    def corner_uv(self) -> np.ndarray:
+        """UVs of the group's faces, int64 [F, 3, 2], in steps of 2**-fraction_bits texels of the coded size."""
+        scale = np.array(self.size, np.float64) / self.group.size * (1 << self.fraction_bits)
+        return np.floor(self.group.uv * scale + 0.5).astype(np.int64)
+
+    def values(self, surface: Surface, xy: np.ndarray, threads: int) -> np.ndarray:
+        """Values of texels of the coded size, float32 [N, 4]. xy: columns and rows, int32 [N, 2]."""
+        group = self.group
+        if self.size == group.size:
+            return group.values(group.image[xy[:, 1], xy[:, 0]])
+        if self.size not in group.smaller:
+            shown = self._shown(surface, group.size)
+            group.smaller[self.size] = group.resampled(group.image, shown, self.size, group.wrap, threads)
+        return group.smaller[self.size][xy[:, 1], xy[:, 0]]
+
+    def values_of_map(self, name: str, surface: Surface, support: TexelSupport, threads: int) -> tuple[np.ndarray, int]:
+        """A further channel of the field: (values float32 [n, C] of the texels of support.coarser(levels), levels). A map that is
+        smaller than the field by a power of two keeps its own texels."""
+        image = self.group.maps[name]
+        size = (image.shape[1], image.shape[0])
+        shift = max((self.size[0] // size[0]).bit_length() - 1, 0)
+        if (size[0] << shift, size[1] << shift) == self.size:
+            xy = support.coarser(shift).xy()
+            return values_of_map(name, image[xy[:, 1], xy[:, 0]]), shift
+        values = values_of_map(name, image)
+        if size[0] < self.size[0] or size[1] < self.size[1]:
+            values = _stretched(values, self.size)
+        else:
+            values = resampled(values, self._shown(surface, size), self.size, self.group.wrap, threads)
+        xy = support.xy()
+        return np.ascontiguousarray(values[xy[:, 1], xy[:, 0]]), 0
+
+    def _shown(self, surface, size):
+        """How much of the surface each texel shows of an image of `size` with the group's UVs, float64 [H, W]."""
+        group = self.group
+        scale = (1 << FULL_BITS) * np.array(size, np.float64) / group.size
+        steps = np.floor(group.uv * scale + 0.5).astype(np.int64).reshape(-1, 2)
+        area = face_areas(surface.lattice, surface.faces[group.faces])
+        return shown_area(steps, np.arange(len(steps)).reshape(-1, 3), FULL_BITS, size, group.wrap, area)
+
+
+def _stretched(values, size):
+    """An image float32 [H, W, C] at a size that is larger on one side at least, bilinear."""
+    from PIL import Image
+
+    parts = [Image.fromarray(np.ascontiguousarray(values[..., c])).resize(size, Image.Resampling.BILINEAR)
+             for c in range(values.shape[2])]
+    return np.stack([np.asarray(part) for part in parts], axis=-1)
+
+
+def wrapped(line: np.ndarray, size: int, mode: int) -> np.ndarray:
+    """Columns or rows, int64 [N], of an image of `size` of them, by the wrap mode."""
+    if mode == WRAP_CLAMP:
+        return np.clip(line, 0, size - 1)
+    if mode == WRAP_REPEAT:
+        return line % size
+    return np.minimum(line % (2 * size), 2 * size - 1 - line % (2 * size))
+
+
+def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
+    """Bits of a UV below the texel that the stream can hold."""
+    scale = max(size[0] / group.size[0], size[1] / group.size[1])
+    reach, span = np.abs(group.uv).max() * scale, np.ptp(group.uv.reshape(-1, 2), axis=0).max() * scale
+    bits = MOST_FRACTION_BITS
+    while bits and (reach * 2**bits >= MAX_UV_ORIGIN - 1 or span * 2**bits >= (1 << MAX_UV_BITS) - 2):
+        bits -= 1
+    return bits
+
+
+def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows: int | None, most: int | None) -> np.ndarray:
+    """Ascending keys int64 [N] of the texels that interpolation on a plan's surface weighs. uv: int64 [V, 2]; faces: int64
+    [F, 3]. Raises LimitError for more rows or texels than these."""
+    rows = count_rows(uv, faces, plan.fraction_bits)
+    if most_rows is not None and rows > most_rows:
+        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows, allowed=most_rows)
+    return asked_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, most)
+
+
+def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Source, limits: Limits, threads: int) -> SourceField:
+    """The SourceField of a plan over its decoded surface. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError."""
+    keys = covered_texels(plan, uv, faces, limits.samples, limits.voxels)
+    support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
+                           fraction_bits=plan.fraction_bits)
+    planes, shifts = colour_planes(plan.values(source.surface, support.xy(), threads), source), {}
+    normals = [name for name in plan.group.maps if BY_NAME[name].unit == "degrees"]
+    turn = turn_of(source.scene, source.surface, plan.group.faces) if normals else None
+    for name in plan.group.maps:
+        values, shifts[name] = plan.values_of_map(name, source.surface, support, threads)
+        planes[name] = turned(values, turn) if name in normals else values
+    return SourceField(support, 0, planes, shifts, exact=plan.group.palette, nearest=plan.group.nearest,
+                       qp_offset=plan.qp_offset)

@@ -1,0 +1,108 @@
+"""Trial codings of a support, settled at the QP where bytes and error cost least (encoder only)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ...geometry.areas import face_areas
+from ...scene.channels import BASE_COLOUR
+from ..price import FINEST, Lagrangian
+from .probe import APART, SampleRegion, TrialCoding, probe_texels, probe_voxels
+from .reference_density import REFERENCE_K
+
+if TYPE_CHECKING:
+    from ...geometry.surface import Surface
+    from ...scene.scene import Scene
+    from ..caches import Cache
+    from .texel_plan import TexelPlan
+
+MOST_SHORT, AIMED_SHORT = 4.0, 3.0  # dB under the QP's promise: of base colour at most, and what trials, a dB off, aim at
+MOST_COARSER = 9  # offset that slopes may ask for
+MOST_TURNS = 2  # codings of a trial beyond the first, where slopes point too far away
+SURE = 0.88  # of the cost without, from which on they are followed
+
+
+class _RegionKey(NamedTuple):
+    """What a SampleRegion depends on beside the scene and its surface."""
+
+    faces: bytes
+    texels: float
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Codes samples of supports at the prices of one quality. regions: cache of SampleRegions."""
+
+    price: Lagrangian
+    regions: Cache
+
+    def keeps_promise(self, trial: TrialCoding, region: SampleRegion) -> bool:
+        """Whether base colour is as close as the QP promises, or short of that by MOST_SHORT."""
+        return not self.price.has_promise or trial.colour <= self._worst(region, MOST_SHORT)
+
+    def region(self, scene: Scene, surface: Surface, faces: np.ndarray, texels: float = math.inf) -> SampleRegion | None:
+        """Points of some faces, int64 [F], that candidates are compared at; None if these have no area. texels: of the image
+        there. Small but densely textured parts get extra weight, because viewers zoom in on them."""
+        if not face_areas(surface.lattice, surface.faces[faces]).any():
+            return None
+
+        def sampled():
+            region = SampleRegion(scene, surface, faces, self.price.threads)
+            region.weight = max(region.weight, min(region.voxels(REFERENCE_K), texels) / self.price.values)
+            return region
+
+        return self.regions.get(_RegionKey(faces.tobytes(), texels), sampled)
+
+    def texels(self, region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int) -> TrialCoding:
+        """A TexelPlan, coded in squares with a side of 2**cell texels. keys: int64 [N], the texels that it covers."""
+
+        def coded(offset):
+            return replace(probe_texels(region, plan, keys, cell, self.price.planes.shifted(offset)), qp_offset=offset)
+
+        return self._settled(coded, region, len(keys))
+
+    def voxels(self, region: SampleRegion, resolution: int, cell: int) -> TrialCoding:
+        """Voxels at a resolution, coded in cubes with a side of 2**cell voxels."""
+        def coded(offset):
+            trial = probe_voxels(region, resolution, cell, self.price.planes.shifted(offset), self.price)
+            return replace(trial, qp_offset=offset)
+
+        return self._settled(coded, region, region.voxels(resolution))
+
+    def _worst(self, region, short):
+        """Squared error of base colour, with its weight, that is short of the promise of the QP by some dB."""
+        weight = region.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight)
+        return weight * 10 ** (short / 10) * self.price.coding_mse
+
+    def _settled(self, coded: Callable[[int], TrialCoding], region: SampleRegion, values: float) -> TrialCoding:
+        """The trial at the QP of least cost, or at a finer one where the promise needs that. coded: codes it at an offset to the
+        QP; values: their number."""
+        offset = self.price.qp_offset(values, region.weight)
+        trial = coded(offset)
+        for _ in range(MOST_TURNS):
+            steps = self._best_steps(trial, region)
+            if -APART // 2 <= steps <= APART:
+                return trial.at(steps)
+            offset += max(steps, -APART)  # too far for the slopes
+            trial = coded(offset)
+        return trial.at(max(min(self._best_steps(trial, region), APART), -APART // 2))
+
+    def _best_steps(self, trial, region):
+        """Steps of QP from a trial to where it is settled."""
+        if not self.price.is_free or not trial.slopes[0]:
+            return 0
+        steps = range(FINEST - trial.qp_offset, MOST_COARSER - trial.qp_offset + 1)
+        cost = {k: self.price.cost(at.bytes, at.error, region.weight) for k in steps for at in (trial.at(k),)}
+        best = min(cost, key=cost.__getitem__)
+        chosen = best if cost[best] < SURE * cost[0] else 0
+        kept = (k for k in range(0, chosen, -1) if trial.at(k).colour <= self._worst(region, 0.0))
+        chosen = max(chosen, next(kept, chosen))  # no finer than the promise
+        most = self._worst(region, AIMED_SHORT)
+        if not self.price.has_promise or trial.uncoded > most:
+            return chosen
+        return min(chosen, max((k for k in steps if trial.at(k).colour <= most), default=steps[0]))

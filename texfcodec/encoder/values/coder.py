@@ -1,0 +1,101 @@
+"""A codec of planes with its settings: what codes a candidate, or the real thing, at one quality (encoder only)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...codecs import our_codecs
+from ...scene.channels import ALPHA
+
+if TYPE_CHECKING:
+    from ...codecs.base import Group, PlaneCodec
+    from ...field.texels import TexelSupport
+    from ...field.voxels import VoxelSupport
+
+LEAST_QP, LAST_QP = 4, 51  # of a map: a step of one level, and of 228
+QP_PER_DECIBEL = 6 / (20 * math.log10(2))  # a step twice as large is 6 QP
+
+
+@dataclass(frozen=True)
+class Coder:
+    """codec: of planes; settings: what its settings() made of a request, with "qp", "max_error" and "chroma_qp_offset"."""
+
+    codec: PlaneCodec
+    settings: Any  # each codec has a class of its own, a plug-in the EncodeOptions
+
+    @property
+    def signature(self) -> tuple:
+        """Stands for all of it: hashable, which the settings of a plug-in may not be."""
+        settings = self.settings
+        return self.codec, settings.qp, settings.max_error, settings.chroma_qp_offset, repr(settings)
+
+    @property
+    def qp(self) -> int | None:
+        """None where an error bound sets it."""
+        return self.settings.qp
+
+    def at(self, **quality: float | None) -> Coder:
+        """The coder with another qp, max_error or chroma_qp_offset."""
+        return replace(self, settings=replace(self.settings, **quality))
+
+    @property
+    def has_fractions(self) -> bool:
+        """Whether there are qualities between two QPs."""
+        return hasattr(self.settings, "qp_fraction")
+
+    def between(self, qp: float) -> Coder:
+        """The coder at a QP that need not be whole; at the next finer one where there are none between."""
+        whole = math.floor(qp)
+        return self.at(qp=whole, qp_fraction=qp - whole) if self.has_fractions else self.at(qp=whole)
+
+    def roughly(self) -> Coder:
+        """The coder for an estimate, where its codec has a quicker one for that."""
+        return self.at(is_rough=True) if hasattr(self.settings, "is_rough") else self
+
+    def shifted(self, offset: int) -> Coder:
+        """The coder at another QP by an offset."""
+        if self.qp is None:
+            return self
+        return self.at(qp=min(max(self.qp + offset, min(LEAST_QP, self.qp)), max(LAST_QP, self.qp)))
+
+    def exactly(self) -> Coder:
+        """The coder without any error."""
+        return self.at(qp=None, max_error=0)
+
+    def for_plane(self, plane: np.ndarray) -> Coder:
+        """The coder of a plane float32 [N, C] in 0..255: a codec of ours that suits it goes before the requested one."""
+        return replace(self, codec=codec_for(plane, self.codec))
+
+    def for_group(self, group: Group, weights: Mapping[str, float]) -> Coder:
+        """The coder with a channel group's QPs: at equal slopes of bytes and error of a shaded picture, a channel whose errors
+        weigh w times those of base colour has 1 / w of its squared error. weights: of a Scene. The second channel of a group gets
+        its own as an offset to the first's; components of one channel that is no colour have the same. Alpha has the QP as it
+        is."""
+        if self.qp is None or group.channels[0] is ALPHA:
+            return self
+        steps = [-10 * math.log10(weights.get(c.name, c.weight)) * QP_PER_DECIBEL for c in group.channels]
+        qp = min(max(round(self.qp + steps[0]), min(LEAST_QP, self.qp)), max(LAST_QP, self.qp))
+        if group.channels[0].srgb:
+            return self.at(qp=qp)
+        return self.at(qp=qp, chroma_qp_offset=round(steps[-1] - steps[0]))
+
+    def code(self, plane: np.ndarray, support: VoxelSupport | TexelSupport) -> tuple[dict, np.ndarray]:
+        """As PlaneCodec.enc."""
+        return self.codec.enc(plane, support, self.settings)
+
+    def size(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, variables: dict) -> tuple[int, np.ndarray]:
+        """(bytes of the codec's part of a unit, what decodes from it). variables: what the part takes from elsewhere, as of
+        bitstream.stream.attribute_variables."""
+        values, decoded = self.code(plane, support)
+        return len(self.codec.write_parameters({**values, **variables})), decoded
+
+
+def codec_for(plane: np.ndarray, requested: PlaneCodec) -> PlaneCodec:
+    """The codec for a plane float32 [N, C] in 0..255: one of ours that suits it before the requested one."""
+    ours = (codec for codec in our_codecs() if not codec.joint and codec.suits(plane))
+    return next(ours, requested)  # type: ignore[return-value]  # a codec that is not joint is one of planes

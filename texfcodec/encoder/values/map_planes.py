@@ -1,0 +1,140 @@
+"""The maps of materials as values of fields: which are coded together, and what fills them (encoder only)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...codecs.base import Group
+from ...core.colour_error import decibels
+from ...field.morton import encode_morton
+from ...field.samples import surface_samples
+from ...field.transfer import LEAST_WEIGHT, fill_uncoloured, transfer
+from ...field.voxelise import SAMPLES_PER_EDGE
+from ...scene.channels import ALPHA, BASE_COLOUR, BY_NAME, CHANNELS, FULL, channel_over
+from ...scene.fetch import map_columns, pack_map
+
+if TYPE_CHECKING:
+    from ...codecs.base import Source
+    from ...geometry.surface import Surface
+    from ...scene.scene import Material, Scene
+    from .source_field import SourceField
+
+TOGETHER = ("roughness", "metallic")  # one group where both are coded: 0 to 6 % fewer bytes than apart (helmet, bottle), with
+# occlusion as a third 2 to 6 % more
+
+
+def map_names(materials: Iterable[Material]) -> set[str]:
+    """Channels that materials have maps of."""
+    return {name for material in materials for name in material.maps}
+
+
+def names_of_field(scene: Scene, surface: Surface, in_field: np.ndarray) -> set[str]:
+    """Channels that the materials of some faces, bool [F] of the surface, have maps of."""
+    return map_names(scene.materials[m] for m in np.unique(surface.material[in_field]))
+
+
+def groups_of(present: set[str], alpha: bool) -> tuple[Group, ...]:
+    """The channel groups of a stream. present: names of all channels, in channels.CHANNELS, that any field has beside base colour
+    and alpha."""
+    groups = [Group((BASE_COLOUR,))] + [Group((ALPHA,))] * alpha
+    joint = [BY_NAME[name] for name in TOGETHER if name in present]
+    for channel in CHANNELS[2:]:
+        if channel.name not in present:
+            continue
+        if channel.name in TOGETHER:
+            groups += [Group(tuple(joint))] if channel is joint[0] else []
+        else:
+            groups.append(Group((channel,)))
+    return tuple(groups)
+
+
+def with_grey(groups: tuple[Group, ...], fields: list[SourceField]) -> tuple[Group, ...]:
+    """The groups, those of one colour marked grey whose components are alike in all fields."""
+    return tuple(group._replace(grey=_is_grey(group, fields)) for group in groups)
+
+
+def _is_grey(group, fields):
+    if len(group.channels) > 1 or not group.channels[0].srgb:
+        return False
+    planes = [field.planes[group.channels[0].name] for field in fields if group.channels[0].name in field.planes]
+    return bool(planes) and all(_alike(plane[:: max(1, len(plane) // 64)]) and _alike(plane) for plane in planes)
+
+
+def _alike(plane):
+    return bool((np.ptp(plane, axis=1) <= 0.5).all())
+
+
+def joined(part: SourceField, group: Group) -> tuple[np.ndarray, int]:
+    """The values of a group in a SourceField that has one of its channels at least, float32 [n, components], and how many levels
+    coarser they are than the field. Channels that the field lacks are 255; coarser ones are brought to the finest."""
+    shift = min(part.shifts.get(channel.name, 0) for channel in group.channels if channel.name in part.planes)
+    support = part.support.coarser(shift)
+    planes = {}
+    for channel in group.channels:
+        plane, levels = part.planes.get(channel.name), part.shifts.get(channel.name, 0) - shift
+        if plane is None:
+            plane = np.full((len(support), channel.components), FULL, np.float32)
+        elif levels:
+            plane = plane[np.searchsorted(support.coarser(levels).keys, support.keys >> 3 * min(levels, support.depth))]
+        planes[channel.name] = plane
+    return group.join(planes), shift
+
+
+def errors_of(group: Group, plane: np.ndarray, decoded: np.ndarray) -> dict:
+    """What the report says of a coded group: {"channels": names, "psnr": dB by name, None where it is exact}. plane: float32 [n,
+    components]; decoded: uint8 of that shape."""
+    psnr, begin = {}, 0
+    for channel in group.channels:
+        columns = slice(begin, begin + (1 if group.grey else channel.components))
+        error = float(((decoded[:, columns] - plane[:, columns]) ** 2).mean())
+        psnr[channel.name], begin = round(decibels(error), 2) if error else None, columns.stop
+    return {"channels": list(psnr), "psnr": psnr}
+
+
+def with_maps(part: SourceField, source: Source, number: int, names: set[str], threads: int) -> SourceField:
+    """A SourceField over voxels, number `number` of the source, with what the maps of its faces show. names: of the channels, as
+    materials know them."""
+    planes = {}
+    for name in sorted(names):
+        channel = channel_over(name, planar=False)
+        mapped = np.array([name in m.maps for m in source.scene.materials], bool)
+        in_field = (source.face_field == number) & mapped[source.surface.material]
+        if channel.name == name:
+            planes[name] = _transferred(part, source, in_field, name, threads)
+        else:
+            planes[channel.name] = _deviations(part, source, in_field, channel.name, threads)
+    return part.with_planes(planes)
+
+
+def _transferred(part, source, in_field, name, threads):
+    """Mean of a map over the surface in each voxel, float32 [N, C]; voxels that only faces without the map touch carry on what is
+    around them. in_field: bool [F], faces of the field with the map."""
+    surface = source.surface
+    packed = pack_map(source.scene, name, surface.origin_face[in_field])
+    density = int(np.clip(np.ceil(2 * part.texels_per_edge), SAMPLES_PER_EDGE, 4))
+    colour, _ = transfer(surface.lattice, surface.faces[in_field], packed, surface.cube.position_bits, part.support.resolution,
+                         part.keys, part.support.brick_map, density, threads)
+    return np.ascontiguousarray(colour[:, map_columns(name)])
+
+
+def _deviations(part, source, in_field, name, threads):
+    """As _transferred, for what source.maps answers for a channel that no image holds as it is."""
+    surface, rows, resolution = source.surface, np.flatnonzero(in_field), part.support.resolution
+    sums = np.zeros((len(part.keys), 4))
+    for points, face, bary, share in surface_samples(surface.lattice, surface.faces[rows], surface.cube.position_bits,
+                                                     resolution, SAMPLES_PER_EDGE):
+        cell = np.clip(np.floor(points).astype(np.int64), 0, resolution - 1)
+        key = encode_morton(cell)
+        rank = np.minimum(np.searchsorted(part.keys, key), len(part.keys) - 1)
+        there = part.keys[rank] == key
+        values = source.maps(name, rows[face[there]], bary[there], threads)
+        weight = share[there] + LEAST_WEIGHT
+        for c in range(3):
+            sums[:, c] += np.bincount(rank[there], weight * values[:, c], len(sums))
+        sums[:, 3] += np.bincount(rank[there], weight, len(sums))
+    colour = (sums[:, :3] / np.maximum(sums[:, 3:], 1e-30)).astype(np.float32)
+    fill_uncoloured(part.keys, colour, sums[:, 3])
+    return colour

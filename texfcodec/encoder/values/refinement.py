@@ -1,0 +1,123 @@
+"""Which refinement a field gets, whether it pays, and what the report says of it (encoder only)."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ...core.colour_error import decibels
+from ...report import Step, no_step
+from ...scene.channels import BASE_COLOUR
+from ...scene.fetch import pack_source
+from ..decision import Decision
+from ..supports.probe import LEFT_BY_FIT
+from .source_field import field_key
+from .surface_fit import HELD_OUT, HELD_OUT_SEED, FieldSurface, fit_surface
+
+if TYPE_CHECKING:
+    from ...codecs.base import Source
+    from ..caches import Cache
+    from ..price import Lagrangian
+    from .source_field import SourceField
+
+COLOUR = BASE_COLOUR.name  # what a fit moves
+PROBE = 1 << 14  # surface points that tell how far the transfer is from the source
+LEAST_GAIN = 0.03  # dB at the coded quality; what promised less gained nothing after coding (QP 46 to 58, two assets)
+MOST_VOXELS = 10_000_000  # "auto" leaves larger fields alone: a fit takes about 150 bytes a voxel
+
+
+class Refine(NamedTuple):
+    """What a request says of refinement: EncodeOptions.refine and refine_iterations."""
+
+    kind: str
+    iterations: int
+
+
+def refine_fields(source: Source, fields: list[SourceField], price: Lagrangian, wanted: Refine,
+                  cache: Cache, step: Step = no_step) -> Decision[list[SourceField]]:
+    """The SourceFields with their colours refined as wanted.
+
+    source: codecs.base.Source; fields: by number; cache: of fitted fields; step: of Report.stage(). Each field keeps its transfer
+    where its refined colours are not closer to the source at points that the fit has not seen.
+    """
+    reason = _reason_against(fields, price, wanted.kind)
+    evidence: dict[str, Any] = {"asked": wanted.kind, "kind": "off", "reason": reason or "requested"}
+    if reason:
+        return Decision(fields, evidence)
+    surfaces = [_field_surface(source, i, field) for i, field in enumerate(fields)]
+    if wanted.kind == "auto":
+        evidence["predicted_gain_db"] = round(_predicted_gain(surfaces, fields, price), 3)
+        if evidence["predicted_gain_db"] < LEAST_GAIN:
+            return Decision(fields, evidence | {"reason": "coding would hide the gain of a fit"})
+        evidence["reason"] = "coding would not hide the error of the transfer"
+    fits = [cache.get(field_key("fit", number, source, part), partial(_fit, surface, part, price.threads, step))
+            for number, (surface, part) in enumerate(zip(surfaces, fields, strict=True))]
+    fields = [part.with_planes({COLOUR: fit.value.planes[COLOUR]}) for part, fit in zip(fields, fits, strict=True)]
+    evidence = evidence | {"kind": "fit", "fields": [fit.evidence for fit in fits]}
+    if wanted.kind != "render":
+        return Decision(fields, evidence)
+    rendered = _render(surfaces, fields, price.threads, wanted.iterations, step)
+    return Decision(rendered.value, evidence | rendered.evidence)
+
+
+def _reason_against(fields, price, refine):
+    if refine == "off":
+        return "switched off"
+    if not fields:
+        return "there is no field over voxels"
+    if price.max_error is not None:
+        return "an error bound was requested"
+    if all(field.is_uniform for field in fields):
+        return "the surface has one colour"
+    if refine == "auto" and price.effort == "fast":
+        return "effort fast excludes a fit"
+    if refine == "auto" and sum(len(f.keys) for f in fields) > MOST_VOXELS:
+        return "a fit of so many voxels takes much memory; --refine fit forces it"
+    return ""
+
+
+def _field_surface(source, number, field):
+    surface, in_field = source.surface, source.face_field == number
+    return FieldSurface(surface.lattice, surface.faces[in_field], pack_source(source.scene, surface.origin_face[in_field]),
+                        surface.cube.position_bits, field.support.resolution, field.keys, field.support.brick_map)
+
+
+def _predicted_gain(surfaces, fields, price):
+    """dB that a fit would gain at the quality that coding leaves."""
+    error, voxels = 0.0, sum(len(f.keys) for f in fields)
+    for surface, field in zip(surfaces, fields, strict=True):
+        if not surface.has_area:
+            continue
+        points = surface.sample(PROBE, HELD_OUT_SEED, price.threads)
+        error += surface.error(field.planes[COLOUR], *points, price.threads)["y"] * len(field.keys) / voxels
+    return price.gain(error, LEFT_BY_FIT * error)
+
+
+def _fit(surface, field, threads, step):
+    """The better of fit and transfer of one field, and {"psnr_y_before", "psnr_y_after", "kept"}, dB at held-out points."""
+    if not surface.has_area:
+        return Decision(field, {"psnr_y_before": None, "psnr_y_after": None, "kept": False})
+    points = surface.sample(HELD_OUT, HELD_OUT_SEED, threads)
+    before = surface.error(field.planes[COLOUR], *points, threads)
+    fitted = fit_surface(surface, field.planes[COLOUR], threads, on_progress=step)
+    after = surface.error(fitted, *points, threads)
+    kept = after["rgb"] < before["rgb"]
+    field = field.with_planes({COLOUR: fitted}) if kept else field
+    return Decision(field, {"psnr_y_before": _finite(before["y"]), "psnr_y_after": _finite(after["y"]), "kept": kept})
+
+
+def _finite(mse):
+    return round(decibels(mse), 3) if mse else None
+
+
+def _render(surfaces, fields, threads, iterations, step):
+    """Inverse rendering on top of the fit."""
+    from .inverse_render import refine_by_rendering  # here, because the renderer takes long to import and few ask for it
+
+    colours, log, kept = refine_by_rendering(surfaces, [f.planes[COLOUR] for f in fields], threads, iterations=iterations,
+                                             on_progress=step)
+    fields = [field.with_planes({COLOUR: np.ascontiguousarray(c)}) for field, c in zip(fields, colours, strict=True)]
+    return Decision(fields, {"kind": "fit and render" if kept else "fit", "iterations": log,
+                             "kept_iteration": log[kept]["iteration"]})

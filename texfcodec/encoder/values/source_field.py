@@ -1,0 +1,119 @@
+"""From geometry and source to a field that can be coded: active voxels, their threshold and their colours (encoder only)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ...errors import LimitError
+from ...field.texels import TexelSupport
+from ...field.transfer import texels_per_edge, transfer
+from ...field.voxelise import SAMPLES_PER_EDGE, count_samples
+from ...field.voxels import VoxelSupport, kept_voxels
+from ...scene.channels import COLOURS
+from ...scene.fetch import pack_source
+
+if TYPE_CHECKING:
+    from ...codecs.base import Source
+    from ...limits import Limits
+    from ..price import Lagrangian
+
+# Two samples per texel along a voxel edge, but no more than this many, by effort; 3 saves 1.2 % of the bits over 2, 4 saves 2 %,
+# 6 saves 2.2 % (basketball player)
+TRANSFER_DENSITY = {"fast": 2, "balanced": 4, "best": 6}
+FITTED_DENSITY = 3  # where a surface fit follows: 2 saves 0.3 to 1 s, costs up to 23 % of the bytes (house_mask); 4 gains nothing
+
+
+@dataclass(frozen=True)
+class SourceField:
+    """A field before coding. support: its voxels or texels; threshold: the area threshold that voxels were kept by; planes:
+    float32 [N, C] in 0..255 by channel name, colour sRGB-coded; shifts: by channel name, levels that a plane is coarser than the
+    support; texels_per_edge: how much finer than the voxels the textures are;
+    exact: whether values are worth their bits at any rate, being few; nearest: whether texels are shown as squares;
+    is_uniform: whether all of its surface shows one, which its planes hold; qp_offset: to the rate's QP, of its values."""
+
+    support: VoxelSupport | TexelSupport
+    threshold: int
+    planes: dict = field(default_factory=dict)
+    shifts: dict = field(default_factory=dict)
+    texels_per_edge: float = 0.0
+    exact: bool = False
+    is_uniform: bool = False
+    nearest: bool = False
+    qp_offset: int = 0
+
+    @property
+    def keys(self) -> np.ndarray:
+        """int64 [N], ascending Morton keys."""
+        return self.support.keys
+
+    def with_planes(self, planes: dict, shifts: dict | None = None) -> SourceField:
+        """The field with planes in place of, or beside, those of the same channels; shifts: by channel name, of these planes."""
+        return replace(self, planes={**self.planes, **planes}, shifts={**self.shifts, **(shifts or {})})
+
+
+class FieldKey(NamedTuple):
+    """What values of a field over voxels depend on beside the scene, at any QP. faces: the field's faces of the surface that is
+    sent, as a digest of that surface; keys: of its voxels."""
+
+    step: str
+    number: int
+    faces: bytes
+    keys: bytes
+    resolution: int
+
+
+def field_key(step: str, number: int, source: Source, part: SourceField) -> FieldKey:
+    """The key of a step's result for a field. part: over voxels."""
+    assert isinstance(part.support, VoxelSupport)
+    faces, keys = source.surface.digest() + source.face_field.tobytes(), part.support.keys.tobytes()
+    return FieldKey(step, number, sha256(faces).digest(), sha256(keys).digest(), part.support.resolution)
+
+
+def colour_planes(rgba: np.ndarray, source: Source) -> dict:
+    """Planes of base colour and, where it is coded, alpha, by channel name, of values float32 [N, 4]."""
+    coded = [channel for channel in source.channels if channel in COLOURS]
+    return {channel.name: np.ascontiguousarray(rgba[:, list(channel.columns)]) for channel in coded}
+
+
+def active_voxels(lattice: np.ndarray, faces: np.ndarray, position_bits: int, price: Lagrangian) -> SourceField:
+    """Voxelises the decoded surface of one field at the K of price. Raises LimitError."""
+    total, limits = count_samples(lattice, faces, position_bits, price.resolution), price.limits
+    if limits.samples is not None and total > limits.samples:
+        raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=total, allowed=limits.samples)
+    keys, threshold = kept_voxels((lattice, faces), position_bits, price.resolution, price.area_threshold, price.threads,
+                                  limits.voxels)
+    return SourceField(VoxelSupport(price.resolution, keys), threshold)
+
+
+def check_voxels(fields: list[SourceField], limits: Limits) -> None:
+    """Raises LimitError where SourceFields together have too many voxels."""
+    voxels = sum(len(part.support) for part in fields)
+    if limits.voxels is not None and voxels > limits.voxels:
+        raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=voxels, allowed=limits.voxels)
+
+
+def transfer_density(per_edge: float, price: Lagrangian) -> int:
+    """Samples per voxel edge of a transfer. per_edge: texels along it."""
+    most = FITTED_DENSITY if price.is_fitted else TRANSFER_DENSITY[price.effort]
+    return int(np.clip(np.ceil(2 * per_edge), SAMPLES_PER_EDGE, most))
+
+
+def transferred(part: SourceField, source: Source, number: int, price: Lagrangian) -> SourceField:
+    """A SourceField, number `number` of a codecs.base.Source, with base colour and alpha from the scene's textures."""
+    surface, in_field = source.surface, source.face_field == number
+    assert isinstance(part.support, VoxelSupport)
+    bits, packed = surface.cube.position_bits, pack_source(source.scene, surface.origin_face[in_field])
+    textured = (surface.lattice, surface.faces[in_field], packed, bits, part.support.resolution)
+    per_edge = texels_per_edge(*textured)
+    density = transfer_density(per_edge, price)
+    rgba = np.column_stack(transfer(*textured, part.keys, part.support.brick_map, density, price.threads))
+    return replace(part, texels_per_edge=per_edge).with_planes(colour_planes(rgba, source))
+
+
+def uniform_field(part: SourceField, source: Source, colour: np.ndarray) -> SourceField:
+    """A SourceField whose surface shows one colour, RGBA float32 [4], with it: nothing is looked at."""
+    return replace(part, is_uniform=True).with_planes(colour_planes(np.tile(colour, (len(part.support), 1)), source))

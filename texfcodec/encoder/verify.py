@@ -1,0 +1,280 @@
+"""The encoder's look at what it encoded: the stream is read again and compared with its source, part by part and in small
+pictures.
+
+The container, the geometry, the places of values and their checksums are decoded from the bytes. Decoding the values themselves
+takes a tenth to a quarter of the time of coding them, so this is done for as many units as a share of that time allows, and the
+others have the values that the encoder had from its own mirror of the decoder.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..core.colour_error import decibels
+from ..decoder import decode_stream
+from ..errors import InputError, LimitError
+from ..limits import UNLIMITED
+from ..metrics.parts import compare_parts
+from ..metrics.views import Look, compare_views
+from ..options import RATES, DecodeOptions
+from ..render.environment import DAYLIGHT
+from ..report import Report, Step, no_step
+from .caches import Caches
+from .encode import Encoder, encode_scene
+from .prepare.uniform_colour import NOTHING_TO_PROBE
+from .price import coding_mse
+from .values.coder import LAST_QP
+from .values.unit_qp import BITS_PER_QP
+
+if TYPE_CHECKING:
+    from ..options import EncodeOptions
+    from ..scene.scene import Scene
+    from .write import Encoded
+
+VIEWS, SIZE = 4, 160
+SHARE = 0.05  # of the time an encode took, for decoding its values again
+SECONDS_PER_VALUE = 6e-7  # of a decoder, with one thread, at most: 1.0 to 2.6 million values a second
+# Bytes that parts may add which are coded again, finer: of the first stream's so much for their share of the surface, and at most
+# so much. A city's billboards, 400 voxels of it, would have added 36 %.
+MORE_PER_SHARE, MOST_MORE = 10.0, 0.5
+MOST_TRIES = 5  # coarser QPs, until a stream is no larger than its source
+LEAST_GAIN = 1.0  # dB that the worst part must gain by it
+FINER_CHROMA = 6  # QP
+# dB under what the rate promises from which Y, or RGB and alpha, or pictures with their outlines count as a miss
+SHORTFALL, COLOUR_SHORTFALL, OUTLINE_SHORTFALL = 4.5, 10.0, 15.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Miss:
+    """A part that is worse than the rate promises. material: its number; name; share: of the surface; measure: "Y" or "RGB";
+    psnr: in dB."""
+
+    material: int
+    name: str
+    share: float
+    measure: str
+    psnr: float
+
+    def __str__(self) -> str:
+        return f"'{self.name}' has {self.psnr:.1f} dB ({self.measure})"
+
+
+def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
+    """Codes a Scene as encode_scene() does, checks the stream, and codes parts again, finer, that are worse than the rate
+    promises, where that is possible and not too dear; what stays worse is a warning. Raises InputError, LimitError,
+    SupportError."""
+    begin, kept = time.perf_counter(), Report(report.on_progress)
+    may_try_again = options.support == "auto" and promised_psnr(options) is not None
+    encoder = Encoder(scene=scene, caches=Caches.of_second_try() if may_try_again else Caches())
+    encoded = encoder.encode(options, kept)
+    if len(encoded.data) > sum(scene.files.values()) > 0:
+        encoded, kept = _no_larger(scene, encoded, options, kept)
+    checked = check(scene, encoded, options, kept, time.perf_counter() - begin)
+    missed = misses(checked)
+    if missed and _may_be_finer(encoded, missed, options, scene):
+        second = Report(report.on_progress)
+        again = _coded_finer(encoder, missed, options, second)
+        if again and _is_better(again.check, checked) and len(again.data) <= _most_bytes(encoded, missed, scene):
+            second.remarks.append(f"{_named(missed)} and was coded again at higher quality, in {len(again.data)} bytes instead "
+                                  f"of {len(encoded.data)}")
+            encoded, checked, kept, second = again, again.check, second, kept
+        report.take_seconds(second)
+    report.take(kept)
+    report.warnings += warnings_of(checked, options)
+    return encoded
+
+
+def _no_larger(scene, encoded, options, report):
+    """(Encoded, its report) at a coarser QP, where the stream is larger than the source's files and the quality is the encoder's
+    to choose; as it was where no QP helps."""
+    most, is_free = sum(scene.files.values()), promised_psnr(options) is not None and options.given["qp"] is None
+    if not is_free or encoded.sizes["attributes"] < len(encoded.data) - most:
+        return encoded, report
+    qp, best, kept = options.qp, encoded, report
+    for _ in range(MOST_TRIES):
+        values = max(most - len(best.data) + best.sizes["attributes"], 1)
+        qp += 1 + math.ceil(math.log2(best.sizes["attributes"] / values) / BITS_PER_QP)
+        if qp > LAST_QP:
+            return encoded, report
+        kept = Report(report.on_progress)
+        best = encode_scene(scene, options.changed(qp=qp), kept)
+        report.take_seconds(kept)
+        if len(best.data) <= most:
+            kept.remarks.append(f"coded at QP {qp} instead of {options.qp}, so that the stream is not larger than its source")
+            return best, kept
+    return encoded, report
+
+
+def _coded_finer(encoder, missed, options, report):
+    """The checked Encoded with finer supports for what was missed; None where these go over a limit that the first kept."""
+    begin, materials = time.perf_counter(), frozenset(miss.material for miss in missed)
+    try:
+        encoded = encoder.encode(_finer(options, missed), report, materials)
+    except LimitError:
+        return None
+    check(encoder.scene, encoded, options, report, time.perf_counter() - begin)
+    return encoded
+
+
+def _may_be_finer(encoded, missed, options, scene):
+    """Whether coding parts finer is the encoder's to choose, and not sure to take too many bytes."""
+    if options.support != "auto" or options.qp != encoded.qp:
+        return False
+    parts, more = {miss.material for miss in missed}, 0
+    for group in encoded.choices["supports"]["groups"]:
+        if parts & set(group["materials"]) and group["chosen"] == "voxels" and "texels" in group:
+            more += group["texels"]["attribute_bytes"] - group["voxels"]["attribute_bytes"]
+    return len(encoded.data) + more <= _most_bytes(encoded, missed, scene)
+
+
+def _most_bytes(encoded, missed, scene):
+    """Bytes that a stream may have whose parts were coded again: no more than the source, unless it has more already."""
+    most = len(encoded.data) * (1 + min(MORE_PER_SHARE * sum(miss.share for miss in missed), MOST_MORE))
+    source = sum(scene.files.values()) or math.inf
+    return min(most, max(source, len(encoded.data)))
+
+
+def _finer(options, missed):
+    """The options, with finer chroma where colour is what is missed."""
+    if all(miss.measure == "Y" for miss in missed):
+        return options
+    usual = -1 if options.chroma_qp_offset is None else options.chroma_qp_offset
+    return options.changed(chroma_qp_offset=max(usual - FINER_CHROMA, -63))
+
+
+def _is_better(again, first):
+    """Whether the worst part gained enough between two checks."""
+    before, after = (min((miss.psnr for miss in misses(check_of)), default=None) for check_of in (first, again))
+    return after is None or (before is not None and after >= before + LEAST_GAIN)
+
+
+def check(scene: Scene, encoded: Encoded, options: EncodeOptions, report: Report, seconds: float) -> dict:
+    """Fills encoded.check with what check_encoded() says, returns it, and lets go of what only it needs. seconds: that the encode
+    took."""
+    with report.stage("check") as step:
+        checked = encoded.check = check_encoded(scene, encoded, options, seconds, step)
+    encoded.values = []
+    return checked
+
+
+def check_encoded(scene: Scene, encoded: Encoded, options: EncodeOptions, seconds: float, step: Step = no_step) -> dict:
+    """Compares a stream with the Scene it was made from.
+
+    Parameters
+    ----------
+    seconds : float
+        That the encode took, of which a share may go into decoding values again.
+    step : function
+        Of Report.stage(), called with how far the check is.
+
+    Returns
+    -------
+    dict
+        JSON-ready: what compare_parts() says, None in the place of each PSNR where nothing is visible; "worst": the part with
+        the least PSNR of RGB, None where all are exact; "lit" or "flat": PSNR of Y in small pictures, with light where the asset
+        is lit; "outline": the same over pixels that either side covers; none of these where one colour, with normals that follow
+        from the geometry, leaves nothing to compare; "promised": PSNR
+        of Y that the rate stands for, None where it stands for none; "decoded_units": (units whose values were decoded, all
+        units).
+
+    Raises
+    ------
+    StreamError
+        The stream is not what the encoder took it for.
+    """
+    texf, decoded = _decoded(encoded, options, seconds)
+    step(1, 3)
+    compared = compare_parts(scene, texf, options.threads) if len(texf.faces) else None
+    step(2, 3)
+    known = {"promised": promised_psnr(options), "decoded_units": decoded}
+    if compared is None:
+        return {"y": None, "rgb": None, "parts": [], "visible": False, "worst": None, **known}
+    inexact = [part for part in compared["parts"] if part["rgb"] is not None]
+    worst = min(inexact, key=lambda part: part["rgb"], default=None)
+    seen = {} if _is_geometry_alone(scene, encoded) else _seen(scene, texf, options)
+    return {**compared, "visible": True, "worst": worst, **seen, **known}
+
+
+def promised_psnr(options: EncodeOptions) -> float | None:
+    """PSNR of Y, in dB, that a rate stands for where its K and supports are the encoder's to choose; None elsewhere."""
+    free = options.rate_is_free and options.target_bytes is None and options.target_psnr is None
+    return round(decibels(coding_mse(options.reckoned_qp)), 2) if free and options.qp is not None else None
+
+
+def misses(check: dict) -> list[Miss]:
+    """Parts of a check that fall short of its promise by more than SHORTFALL or COLOUR_SHORTFALL, the worst first."""
+    if check["promised"] is None:
+        return []
+    missed = []
+    for part in check["parts"]:
+        for measure, name, shortfall in (("y", "Y", SHORTFALL), ("rgb", "RGB", COLOUR_SHORTFALL)):
+            if part[measure] is not None and part[measure] < check["promised"] - shortfall:
+                missed.append(Miss(material=part["material"], name=part["name"], share=part["share"], measure=name,
+                                  psnr=part[measure]))
+                break
+    return sorted(missed, key=lambda miss: miss.psnr)
+
+
+def warnings_of(check: dict, options: EncodeOptions) -> list[str]:
+    """Sentences on what of a check is worse than the rate promises."""
+    missed, rate = misses(check), f"{options.rate} promises {check['promised']:.0f} dB" if check["promised"] else ""
+    said = []
+    if not check["visible"]:
+        said.append("no part of the source's surface is visible, so its colours could not be compared")
+    if missed:
+        said.append(f"{_named(missed)}, but {rate}{_advice(options)}")
+    if rate and check.get("lit") is not None and check["lit"] < check["promised"] - COLOUR_SHORTFALL:
+        said.append(f"small lit pictures have {check['lit']:.1f} dB, but {rate}; the shading differs from the source's")
+    if rate and check.get("outline") is not None and check["outline"] < check["promised"] - OUTLINE_SHORTFALL:
+        said.append(f"small pictures have {check['outline']:.1f} dB with their outlines, but {rate}; --keep-mesh keeps outlines")
+    return said
+
+
+def _advice(options):
+    """What would keep more detail, "" where nothing is left to ask for."""
+    ways = ["a higher --rate"] if options.rate != max(RATES) else []
+    ways += ["--support texels"] if options.support != "texels" else []
+    return f"; {' or '.join(ways)} may keep more detail" if ways else ""
+
+
+def _named(missed):
+    """What the worst part is, and how many others there are."""
+    others = f" and {len(missed) - 1} more" if len(missed) > 1 else ""
+    return f"part {missed[0]}{others}"
+
+
+def _decoded(encoded, options, seconds):
+    """(Texf of a stream, [units whose values were decoded from its bytes, all units])."""
+    left, counts = [SHARE * seconds / SECONDS_PER_VALUE], [0, 0]
+
+    def known(values, group):
+        plane = group.join(encoded.values[values["field_index"]])
+        counts[1] += 1
+        if plane.size > left[0]:
+            return plane
+        left[0] -= plane.size
+        counts[0] += 1
+        return None
+
+    texf = decode_stream(encoded.data, DecodeOptions(threads=options.threads, limits=UNLIMITED), Report(), known)
+    return texf, counts
+
+
+def _is_geometry_alone(scene, encoded):
+    """Whether pictures show nothing but the geometry, which has its own checksum: one colour, and normals that follow from it."""
+    return scene.corner_normal is None and encoded.choices["supports"].get("reason") == NOTHING_TO_PROBE
+
+
+def _seen(scene, texf, options):
+    """{"lit" or "flat": PSNR of Y of a few small pictures, None where they are alike; "outline": with their outlines}; {} where
+    they cannot be compared: no pixel shows both sides, or light makes a colour infinite."""
+    lit = options.effects in ("auto", "all") and not all(material.unlit for material in scene.materials)
+    look = Look(environment=DAYLIGHT) if lit else Look()
+    try:
+        seen = compare_views(scene, texf, VIEWS, SIZE, threads=options.threads, look=look)
+    except InputError:
+        return {}
+    return {"lit" if lit else "flat": seen["psnr"]["y"], "outline": seen["union_psnr"]["y"]}

@@ -121,7 +121,7 @@ neural: install
 # How far off hard cases can get: make stability [SECONDS=5] [CASE="name"] [MOST=1] [STATE=file.jsonl] [PAGE=docs/reports/stability.md]
 stability: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[plots]"
-	$(PY) tools/proof/stability --seconds $(or $(SECONDS),5) $(if $(CASE),--case "$(CASE)") $(if $(MOST),--most) $(if $(STATE),--state "$(STATE)") $(if $(PAGE),--page "$(PAGE)")
+	$(PY) tools/proof/stability.py --seconds $(or $(SECONDS),5) $(if $(CASE),--case "$(CASE)") $(if $(MOST),--most) $(if $(STATE),--state "$(STATE)") $(if $(PAGE),--page "$(PAGE)")
 
 # Streams and decoded arrays over threads, versions, processors, locales and folders, a Markdown table:
 # make determinism [ASSETS=folder] [ENVIRONMENTS=1] [PYTHONS="file ..."] [OUT=folder] [PAGE=docs/reports/determinism.md]

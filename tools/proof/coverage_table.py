@@ -27,7 +27,8 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 if str(REPOSITORY) not in sys.path:  # run as a command
     sys.path.insert(0, str(REPOSITORY))
 
-from tools.proof.coverage_page import page_of  # noqa: E402
+from tools.bench.provenance import made_on  # noqa: E402
+from tools.bench.result_tables import markdown_table, wrapped  # noqa: E402
 
 EXIT_DIFFERS = 7
 LEAST = 98.0  # per cent of the branches
@@ -45,7 +46,6 @@ except SystemExit as ended:
     assert ended.code == 0
 open(sys.argv[1], "w").write(json.dumps([name for name in sys.modules if name.partition(".")[0] == "texfcodec"]))
 """
-SECONDS = "seconds.json"
 JIT_OFF, JIT_ON = {"NUMBA_DISABLE_JIT": "1"}, {"NUMBA_DISABLE_JIT": "0"}
 PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider",
           "--deselect", "tests/cli/test_cli.py::test_info_is_quick_and_knows_no_numba",  # traced, it is not quick
@@ -100,15 +100,11 @@ class Part:
     told: str
 
 
-def _room_of(file):
-    """The room of tests/ that a file of tests stands in."""
-    return next(REPOSITORY.glob(f"tests/*/test_{file}.py")).parent.name
-
-
 def tests_of(chosen):
     """Arguments of the interpreter that run quick tests: "file" or "file::test" of tests/test_file.py."""
     parts = [name.partition("::") for name in chosen]
-    return (*PYTEST, *(f"tests/{_room_of(file)}/test_{file}.py{between}{test}" for file, between, test in parts))
+    path = lambda file: next(REPOSITORY.glob(f"tests/*/test_{file}.py")).relative_to(REPOSITORY).as_posix()
+    return (*PYTEST, *(f"{path(file)}{between}{test}" for file, between, test in parts))
 
 
 def told_of(chosen):
@@ -235,6 +231,39 @@ def complaints(modules, reasons):
     return found + ([f"{share:.2f} % of the branches are taken, less than {LEAST} %"] if share < LEAST else [])
 
 
+# The page
+
+INTRODUCTION = (
+    "How much of the decoder its tests and vectors run. Measured are whole files: every module of the package that a fresh "
+    "interpreter holds after `texf-dec` has decoded a vector of each kind to each kind of file, alone and in a child process. "
+    "What encodes stands beside what decodes in the same files, and counts as well; only blocks for the type checker (`if "
+    "TYPE_CHECKING`) do not. A branch is a way out of an `if`, `for` or `while`; a condition inside one line (`a if b else c`, "
+    "`and`, `or`) is none.")
+KERNELS = (
+    "A compiled kernel cannot be watched: what runs with the JIT counts for the Python around the kernels alone, and the "
+    "branches of kernels are those that plain Python takes.")
+
+
+def page_of(modules, reasons, runs):
+    """docs/reports/coverage.md. modules: Module; reasons: {key: why}; runs: (Part, seconds)."""
+    statements, branches, missed = (sum(found) for found in zip(*((m.statements, m.branches, len(m.missed)) for m in modules),
+                                                                 strict=True))
+    share = f"{100 * (branches - missed) / max(branches, 1):.2f} %"
+    rows = [[m.name, m.statements, m.branches, len(m.missed),
+             f"{100 * (m.branches - len(m.missed)) / m.branches:.1f} %" if m.branches else ""] for m in modules]
+    left = [[f"{m.name}:{branch.line}", branch.function, f"`{branch.text}`", f"`{branch.goal}`",
+             reasons.get(branch.key_in(m.name), "**no reason given**")] for m in modules for branch in m.missed]
+    out = ["# Branches of the decoder", "", f"Made by `make coverage` (tools/proof/coverage_table.py). {INTRODUCTION}", "",
+           f"**{branches - missed} of {branches} branches are taken, {share}**, in {len(modules)} modules of {statements} "
+           f"statements; the other {missed} are named below. {KERNELS}", "", "## What runs", "",
+           *markdown_table(["part", "what", "seconds"], [[p.name, p.told, f"{seconds:.0f}"] for p, seconds in runs], 2), "",
+           f"Made {made_on()}; other work may have shared the processor.", "", "## By module", "",
+           *markdown_table(["module", "statements", "branches", "not taken", "taken"],
+                           [*rows, ["all", statements, branches, missed, share]]), "",
+           "## Branches not taken", "", *markdown_table(["line", "function", "at", "never goes to", "why"], left, 5)]
+    return "\n".join(wrapped(out)) + "\n"
+
+
 def _arguments(arguments):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--part", action="append", choices=[part.name for part in PARTS], help="run this part alone (repeatable)")
@@ -244,25 +273,20 @@ def _arguments(arguments):
     return parser.parse_args(arguments)
 
 
-def seconds_in(folder):
-    """{part: seconds} of what earlier runs left in a folder."""
-    file = folder / SECONDS
-    return json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-
-
 def main(arguments=None):
     """Command line of the tool."""
     args = _arguments(arguments)
     if not args.keep:
         shutil.rmtree(args.out / "data", ignore_errors=True)
     rc, modules = settings(args.out), modules_of_a_decode()
-    spent, failed = seconds_in(args.out) if args.keep else {}, []
+    times, failed = args.out / "seconds.json", []
+    spent = json.loads(times.read_text(encoding="utf-8")) if args.keep and times.exists() else {}
     for part in PARTS:
         if args.part is None or part.name in args.part:
             code, spent[part.name] = run_part(part, rc)
             failed += [f"{part.name} ends with {code}"] if code else []
             print(f"{part.name}: {spent[part.name]:.0f} s", flush=True)
-    (args.out / SECONDS).write_text(json.dumps(spent), encoding="utf-8")
+    times.write_text(json.dumps(spent), encoding="utf-8")
     reasons = json.loads(REASONS.read_text(encoding="utf-8"))
     found = measured(rc, modules)
     if args.page:

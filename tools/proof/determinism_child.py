@@ -8,6 +8,7 @@ of the stream and of every decoded array, or {"name", "error"}. It runs in envir
 """
 
 import hashlib
+import importlib
 import json
 import locale
 import math
@@ -33,20 +34,6 @@ COARSER = 2  # levels left out in the second decoding
 # What is coded
 
 
-def tiny_sphere():
-    """A sphere with vertex colours."""
-    from shapes import painted_sphere
-
-    return painted_sphere(3)
-
-
-def tiny_sheets():
-    """Two textured sheets that cross, one see-through, with metadata."""
-    from shapes import crossing_sheets
-
-    return crossing_sheets()
-
-
 def tiny_maps():
     """A wavy sheet with maps of normals, roughness and occlusion."""
     from shapes import mapped_sheet, noise, plain_image
@@ -55,14 +42,14 @@ def tiny_maps():
     return mapped_sheet(maps, noise(0, 8, 8), cells=3)
 
 
-def bundled_sample():
-    """The bundled sample, made by code from photographs."""
-    from texfcodec.demo.asset import make_sample
-
-    return make_sample()
+def from_shapes(name, *words):
+    """A scene that tests/shapes.py makes, which is imported only when it is needed."""
+    return lambda: getattr(importlib.import_module("shapes"), name)(*words)
 
 
-SCENES = {"tiny sphere": tiny_sphere, "tiny sheets": tiny_sheets, "tiny maps": tiny_maps, "sample": bundled_sample}
+# A sphere with vertex colours; two textured sheets that cross, one see-through, with metadata; the bundled sample
+SCENES = {"tiny sphere": from_shapes("painted_sphere", 3), "tiny sheets": from_shapes("crossing_sheets"), "tiny maps": tiny_maps,
+          "sample": lambda: importlib.import_module("texfcodec.demo.asset").make_sample()}
 
 
 # What comes out

@@ -140,12 +140,12 @@ kinds: install
 
 # Six assets by three.js and by our renderer, a Markdown table: make three ASSETS=folder [ALIKE=all] [OUT=folder]
 three: install
-	$(PY) tools/proof/three_check.py "$(ASSETS)" $(foreach name,$(ALIKE),--alike $(name)) --out "$(or $(OUT),out/three)"
+	$(PY) tools/proof/three_check.py --assets "$(ASSETS)" $(foreach name,$(ALIKE),--alike $(name)) --out "$(or $(OUT),out/three)"
 
 # Memory over 500 calls, 8 processes at once, a batch with faults, memory of refused files, many faces, tasks of a Dask cluster:
 # make load [PART="slope ..."] [LARGE=1] [OUT=folder] [PAGE=docs/reports/load.md]
 load: install
-	$(PY) tools/proof/load.py $(foreach p,$(PART),--part $(p)) $(if $(LARGE),--large) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) tests/load/run.py $(foreach p,$(PART),--part $(p)) $(if $(LARGE),--large) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
 
 # Fuzz targets of the decoder and the loaders: make fuzz [SECONDS=20] [TARGET="name ..."] [OUT=folder] [PAGE=docs/reports/fuzzing.md]
 fuzz: install

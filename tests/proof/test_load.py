@@ -1,4 +1,4 @@
-"""tools/proof/load.py: every part in small hits its targets, and what goes wrong under load is seen."""
+"""tests/load: every part in small hits its targets, and what goes wrong under load is seen."""
 
 import json
 import mmap
@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 from shapes import painted_sphere
 
+from load import many, parts, run
+from load.run import PARTS
 from texfcodec.api import decode
 from texfcodec.io.load import load as load_mesh
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions
-from tools.proof import load, load_batch, load_parts
 from tools.proof.face_meshes import GENERATORS, glb_of
-from tools.proof.load import PARTS
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory of processes is looked up in /proc")
 SMALL = {
-    "slope": lambda: load_parts.run_slopes(60, ["encode and decode"]),
-    "together": lambda: load_parts.run_together(2, ("tiny sphere",), ("subset/k33",)),
-    "batch": lambda: load_batch.run_batch(3, 1, 1),
-    "refused": lambda: load_parts.run_refused(paths=sorted(load_parts.FAULTY.glob("*/in.texf"))[::30]),
-    "faces": lambda: load_parts.run_faces((1000, 3000), ["slivers"], (64, 128), (32, 64)),
-    "cluster": lambda: load_batch.run_cluster(2, 20, (2,))}
+    "slope": lambda: parts.run_slopes(60, ["encode and decode"]),
+    "together": lambda: parts.run_together(2, ("tiny sphere",), ("subset/k33",)),
+    "batch": lambda: many.run_batch(3, 1, 1),
+    "refused": lambda: parts.run_refused(paths=sorted(parts.FAULTY.glob("*/in.texf"))[::30]),
+    "faces": lambda: parts.run_faces((1000, 3000), ["slivers"], (64, 128), (32, 64)),
+    "cluster": lambda: many.run_cluster(2, 20, (2,))}
 
 
 @pytest.mark.slow
@@ -41,7 +41,7 @@ def test_a_small_part_misses_no_target_and_makes_its_section(part):
         assert not [fault for fault in faults if "a task" not in fault], faults
     else:
         assert faults == []
-    assert f"## {PARTS[part].title}\n" in load.page_of({part: found})
+    assert f"## {PARTS[part].title}\n" in run.page_of({part: found})
 
 
 def test_a_leak_is_seen():
@@ -52,18 +52,18 @@ def test_a_leak_is_seen():
         kept.append(mmap.mmap(-1, len(block)))
         kept[-1].write(block)
 
-    found = load_parts.slope_of(leak, 60)
+    found = parts.slope_of(leak, 60)
     assert 250_000 < found["bytes a call"] < 350_000 and found["error"] < 20_000
     assert PARTS["slope"].faults({"decode": found}) == [f"decode: {found['bytes a call']:,} bytes a call"]
 
 
 def test_refusing_a_vector_takes_no_more_memory_than_a_process_may_have():
-    paths = sorted(load_parts.FAULTY.glob("*/in.texf"))[::9]
-    idle, rows = load_parts.in_forks(paths)
-    assert set(rows) == set(paths) and all(row["code"] in (3, 5, 6) and row["peak"] < load.PEAK for row in rows.values()), rows
+    paths = sorted(parts.FAULTY.glob("*/in.texf"))[::9]
+    idle, rows = parts.in_forks(paths)
+    assert set(rows) == set(paths) and all(row["code"] in (3, 5, 6) and row["peak"] < run.PEAK for row in rows.values()), rows
     assert 30 << 20 < idle
-    alone = load_parts.by_tool(paths[0])
-    assert alone["code"] == rows[paths[0]]["code"] and 30 << 20 < alone["peak"] < load.PEAK
+    alone = parts.by_tool(paths[0])
+    assert alone["code"] == rows[paths[0]]["code"] and 30 << 20 < alone["peak"] < run.PEAK
 
 
 GOOD = {"code": 3, "peak": 1 << 20}
@@ -99,16 +99,16 @@ def test_a_missed_target_is_named(part, found, faults):
 def test_a_process_that_answers_something_else_or_falls_is_named():
     bent = SOUND | {"rows": {"a": ROW | {"stream": "t"}}}
     fallen = {"exit code": -11, "said": "segfault", "rows": {}}
-    assert list(load_parts.wrong([SOUND, bent, fallen], {"a": ROW})) == WRONG
+    assert list(parts.wrong([SOUND, bent, fallen], {"a": ROW})) == WRONG
 
 
 def test_what_a_batch_leaves_wrong_is_named(tmp_path):
-    day = load_batch.Day(tmp_path / "meshes", tmp_path / "out")
+    day = many.Day(tmp_path / "meshes", tmp_path / "out")
     stream = day.out / "part 0" / "000.texf"
     stream.parent.mkdir(parents=True)
-    stream.write_bytes(load_parts.coded(painted_sphere(3), resolution=8, qp=30))
+    stream.write_bytes(parts.coded(painted_sphere(3), resolution=8, qp=30))
     rows = [{"asset": "part 0/000.ply", "stream": {}}, *(
-        {"asset": name, "error": {"code": code or "TXF-I07", "exit_code": 2}} for name, code in load_batch.CODES.items())]
+        {"asset": name, "error": {"code": code or "TXF-I07", "exit_code": 2}} for name, code in many.CODES.items())]
     (day.out / "results.jsonl").write_text("\n".join(map(json.dumps, rows)) + "\n")
     assert list(day.unsound()) == [] and list(day.wrong_lines(["part 0/000.ply"])) == []
     stream.write_bytes(stream.read_bytes()[:-1])
@@ -122,7 +122,7 @@ def test_what_a_batch_leaves_wrong_is_named(tmp_path):
 def test_the_page_is_made_of_the_parts_that_were_measured(tmp_path, capsys):
     row = {"calls": 500, "bytes a call": 30_000, "error": 10, "first": 1 << 20, "last": 2 << 20}
     (tmp_path / "slope.json").write_text(json.dumps({"decode": row}))
-    assert load.main(["--page-only", "--out", str(tmp_path), "--page", str(tmp_path / "page.md")]) == 7
+    assert run.main(["--page-only", "--out", str(tmp_path), "--page", str(tmp_path / "page.md")]) == 7
     text = (tmp_path / "page.md").read_text()
     assert "| decode | 500 | 30,000 ± 10 | 1.0 | 2.0 |" in text and "- decode: 30,000 bytes a call" in text
     assert "at once" not in text and text == capsys.readouterr().out[:-1]
@@ -132,18 +132,18 @@ def test_the_page_computes_a_million_assets_from_the_busier_process_and_the_samp
     naps = [cluster_row(tasks=1000, scheduler=3.6, client=1.0, seconds=50.0)]
     found = {"alone": {"seconds": 1.0, "processor": 1.0, "failed": []}, "encodes": [cluster_row()], "naps": naps,
              "sample": {"seconds": 36.0, "bytes": 2000}, "load": 0.5}
-    page = " ".join(load.page_of({"cluster": found}).split())
+    page = " ".join(run.page_of({"cluster": found}).split())
     assert "10,000 core hours" in page and "2 GB of streams" in page and "feeds 10,000 cores" in page
     assert "| naps | 2 | 1000 | 50 | 20.0 | 50% | 3.6 | 1.0 | 1.0 |" in page
 
 
 def test_streams_come_near_a_bound_by_what_they_are_for():
     bounds = Limits(voxels=20_000, samples=200_000)
-    small, large = load_parts.streams_of("samples", bounds)
+    small, large = parts.streams_of("samples", bounds)
     made = decode(large, DecodeOptions(limits=bounds))
-    assert 0.5 < load_parts.samples_of(made, made.fields[0].support.size) / bounds.samples <= 1 and len(small) < len(large)
+    assert 0.5 < parts.samples_of(made, made.fields[0].support.size) / bounds.samples <= 1 and len(small) < len(large)
     bounds = Limits(faces=4096)
-    assert 0.5 < len(decode(load_parts.streams_of("faces", bounds)[1], DecodeOptions(limits=bounds)).faces) / bounds.faces <= 1
+    assert 0.5 < len(decode(parts.streams_of("faces", bounds)[1], DecodeOptions(limits=bounds)).faces) / bounds.faces <= 1
 
 
 @pytest.mark.parametrize("kind", GENERATORS)
@@ -158,9 +158,9 @@ def test_a_mesh_has_as_many_faces_as_it_was_to_have_and_is_read_as_it_was_made(k
 def test_naps_through_a_cluster_come_back_once_each_and_a_wrong_stream_is_seen(tmp_path):
     pytest.importorskip("distributed", reason='pip install "texfcodec[cluster]"')
     (tmp_path / "a.ply").write_text("asset")
-    tasks = [load_batch.Task(name=f"nap {i}", commands=(), input=tmp_path / "a.ply") for i in range(12)]
-    expected = {task.name: (load_batch.DONE, b"x" if task.name == "nap 3" else None) for task in tasks}
-    with load_batch.patch.object(load_batch.cluster, "work", load_batch.nap):
-        row = load_batch.on_cluster(tasks, 2, tmp_path / "out", expected)
+    tasks = [many.Task(name=f"nap {i}", commands=(), input=tmp_path / "a.ply") for i in range(12)]
+    expected = {task.name: (many.DONE, b"x" if task.name == "nap 3" else None) for task in tasks}
+    with many.patch.object(many.cluster, "work", many.nap):
+        row = many.on_cluster(tasks, 2, tmp_path / "out", expected)
     assert row["wrong"] == ["nap 3"] and row["lost"] == [] and row["twice"] == 0
-    assert row["seconds"] > 12 / 2 * load_batch.NAP_SECONDS and 0 < load.overhead_of(row) < 2
+    assert row["seconds"] > 12 / 2 * many.NAP_SECONDS and 0 < run.overhead_of(row) < 2

@@ -4,8 +4,6 @@ import copy
 import io
 import re
 import shutil
-import subprocess
-import sys
 import tarfile
 from argparse import Namespace
 from pathlib import Path, PurePosixPath
@@ -13,7 +11,6 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 import pytest
 from browser import BROWSER
-from conftest import REPOSITORY
 from mesh_files import SQUARE_UV, Builder, encoded
 from PIL import Image
 from shapes import scene_of, square
@@ -22,8 +19,7 @@ from texfcodec.batch.children import Children
 from texfcodec.io.formats import SUFFIXES
 from texfcodec.scene.scene import ALPHA_BLEND, Material
 from tools.proof.strangers import fetch as fetching
-from tools.proof.strangers.__main__ import fetch
-from tools.proof.strangers.fetch import Unfetched, archive_of, unpack
+from tools.proof.strangers.fetch import Unfetched, archive_of, fetch, unpack
 from tools.proof.strangers.judge import (
     INTERNAL,
     INVALID,
@@ -352,18 +348,6 @@ def test_the_page_tells_counts_pairs_the_worst_and_kinds(row):
     assert f"| of these without a named loss | {int(not losses_of(dark))} |" in text and "| TXF-I07: n bytes | 1 |" in text
     assert "| made: dark.glb | 12.0 | 40.0 | same |" in text
     assert "| PLY: alpha | construction | 17.0 | 17.0 | named: alpha |" in text
-
-
-# Called as a folder
-
-
-def test_the_folder_is_called_with_its_own_tools_whatever_code_names(tmp_path):
-    for package in ("tools",):
-        (tmp_path / package).mkdir()
-        (tmp_path / package / "__init__.py").write_text("raise SystemExit('another checkout')")
-    run = subprocess.run([sys.executable, "tools/proof/strangers", "--code", str(tmp_path), "--help"], cwd=REPOSITORY,
-                         capture_output=True, text=True, check=False)
-    assert run.returncode == 0 and run.stdout.startswith("usage: strangers"), run.stderr
 
 
 # A sample

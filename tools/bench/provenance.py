@@ -7,7 +7,7 @@ from pathlib import Path
 from texfcodec.options import default_threads
 from tools.bench.jobs import REPOSITORY
 
-SOURCES = "texfcodec", "tools/bench/*.py", "tools/proof/*.py", "tests/naive", "tests/fuzz"  # what figures depend on
+SOURCES = "texfcodec", "tools/bench/*.py", "tools/proof/*.py", "tests/naive", "tests/fuzz", "tests/load"  # what figures depend on
 
 
 def made_on(root=REPOSITORY):

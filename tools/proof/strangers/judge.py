@@ -39,7 +39,9 @@ def findings_of(row):
     said += [f"{effect['channel']}: {effect['reasons']}" for effect in row["encode"]["report"].get("effects", [])]
     warned = " ".join(row["encode"]["report"].get("warnings", []) + row["decode"]["report"].get("warnings", []))
     findings += _of_bytes(row["bytes"], warned) + _of_validator(row["validator"]) + _of_measure(row, said, warned)
-    return findings + _of_losses(row) + _of_picture(row)
+    report = row["encode"]["report"]
+    lost = [] if report.get("dropped") else [text for text in report.get("warnings", []) if re.search(SAYS_LOST, text)]
+    return findings + [[UNSAID, text[:200]] for text in lost[:1]] + _of_picture(row)
 
 
 def _of_tool(step, run):
@@ -101,12 +103,6 @@ def losses_of(row):
     named = [text for report in reports for text in report.get("dropped") or [] if not re.search(LOOKLESS, text, re.IGNORECASE)]
     warned = [text for report in reports for text in report.get("warnings") or []]
     return named + [text for text in warned if re.search(f"{SAYS_LOST}|{SAYS_QUALITY}", text)]
-
-
-def _of_losses(row):
-    report = row["encode"]["report"]
-    lost = [text for text in report.get("warnings", []) if re.search(SAYS_LOST, text)]
-    return [[UNSAID, lost[0][:200]]] if lost and not report.get("dropped") else []
 
 
 def least_picture(shown):

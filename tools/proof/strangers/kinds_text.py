@@ -70,7 +70,8 @@ def obj_kinds():
     return {
         "Kd": _mtl(RED), "map_Kd": _mtl(MAPPED, **png), "Kd times map_Kd": _mtl(RED + "map_Kd a.png\n", MAPPED, **png),
         **{f"map_Kd {name}": _mtl(f"{WHITE}map_Kd {words}\n", **at) for name, (words, at) in maps.items()},
-        **{f"map_Kd {words[:2]}": _mtl(f"{WHITE}map_Kd {words} a.png\n", MAPPED, **png) for words in ("-s 2 3 1", "-o 0.4 0.2 0")},
+        **{f"map_Kd {words[:2]}": _mtl(f"{WHITE}map_Kd {words} a.png\n", MAPPED, **png)
+           for words in ("-s 2 3 1", "-o 0.4 0.2 0")},
         **{f"map_Kd {name}": made(f"map_Kd {words}\n", look, **at) for name, (words, at) in elsewhere.items()},
         "map_Ka alone": made("map_Ka a.png\n", look, **png),
         "d": _mtl(red + "d 0.3\n", red), "Tr": _mtl(red + "Tr 0.7\n", red),

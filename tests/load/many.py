@@ -1,4 +1,4 @@
-"""What tools/proof/load.py measures of many assets: a batch through faults, and tasks through a Dask cluster.
+"""What tests/load/run.py measures of many assets: a batch through faults, and tasks through a Dask cluster.
 
 Encodes on the cluster show that the results are right, and what they take with and without Dask. What Dask itself adds is too
 small to be seen beside them, so naps go the same way, from cluster.Run over scheduler and worker and back.
@@ -20,13 +20,13 @@ from unittest.mock import patch
 
 import numpy as np
 
+from load.parts import HERE, REPOSITORY, coded
 from texfcodec.api import decode, inspect
 from texfcodec.batch import cluster
 from texfcodec.batch.folders import LOCK, WORK, only_run, work_room
 from texfcodec.batch.local import run_here
 from texfcodec.batch.tasks import DONE, Outcome, Task, package_code
 from texfcodec.errors import TexfError
-from tools.proof.load_parts import HERE, REPOSITORY, coded
 
 # A batch with faults
 

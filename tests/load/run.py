@@ -1,8 +1,8 @@
 """What holds under load: memory over hundreds of calls, processes at once, a batch with faults, memory of refused files, what
 streams at the bounds of a level take, how time and memory grow with the faces of a mesh, and tasks of a Dask cluster.
 
-python tools/proof/load.py [--part slope|together|batch|refused|levels|faces|cluster ...] [--out FOLDER]
-                           [--page docs/reports/load.md] [--calls N] [--every]
+python tests/load/run.py [--part slope|together|batch|refused|levels|faces|cluster ...] [--out FOLDER]
+                         [--page docs/reports/load.md] [--calls N] [--every]
 
 Each part leaves a file in the folder; the page is made of all that lie there, so that parts may be measured one by one. --every
 puts every faulty vector through texf-dec, and not the worst ten alone. Exit code 7: a part of the folder misses its target.
@@ -21,13 +21,13 @@ import numpy as np
 if not __package__:  # called as a file
     sys.path[:0] = [str(Path(__file__).resolve().parents[2]), str(Path(__file__).resolve().parents[2] / "tests")]
 
+from load.many import ENCODED, GOOD, NAP_SECONDS, run_batch, run_cluster
+from load.parts import CALLS, FEW, SIZES, WARM, WORST, run_faces, run_levels, run_refused, run_slopes, run_together
 from texfcodec.core.json_text import json_text
 from texfcodec.errors import EXIT_DIFFERS
 from tools.bench.plots import load_pyplot
 from tools.bench.provenance import made_on
 from tools.bench.result_tables import markdown_table, wrapped
-from tools.proof.load_batch import ENCODED, GOOD, NAP_SECONDS, run_batch, run_cluster
-from tools.proof.load_parts import CALLS, FEW, SIZES, WARM, WORST, run_faces, run_levels, run_refused, run_slopes, run_together
 
 MB, MILLION = 1 << 20, 10**6
 SLOPE, PEAK = 20_000, 256 << 20  # targets: bytes a call, and of a process that refuses a file
@@ -225,7 +225,7 @@ def draw(found, path):
 
 def page_of(found, picture=None):
     """docs/reports/load.md. found: {part: what it measured}; picture: path of draw()'s plot from the page."""
-    lines = ["# Under load", "", f"Made by `make load` (tools/proof/load.py) {made_on()}.", ""]
+    lines = ["# Under load", "", f"Made by `make load` (tests/load/run.py) {made_on()}.", ""]
     for part in filter(found.__contains__, PARTS):
         lines += [f"## {PARTS[part].title}", ""]
         for block in PARTS[part].section(found[part]):

@@ -1,6 +1,6 @@
-"""What tools/proof/load.py measures, a run_...() for each part; most of it in child processes of this file.
+"""What tests/load/run.py measures, a run_...() for each part; most of it in child processes of this file.
 
-python tools/proof/load_parts.py CHILD ARGUMENT...      one of CHILDREN here, its answer as JSON on stdout
+python tests/load/parts.py CHILD ARGUMENT...      one of CHILDREN here, its answer as JSON on stdout
 """
 
 import itertools

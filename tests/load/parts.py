@@ -17,6 +17,7 @@ import numpy as np
 if not __package__:  # called as a file
     sys.path[:0] = [str(Path(__file__).resolve().parents[2]), str(Path(__file__).resolve().parents[2] / "tests")]
 
+from load.meshes import GENERATORS, glb_of, scan_with_image
 from texfcodec.api import decode, encode_to_result
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import TexfError
@@ -26,7 +27,6 @@ from texfcodec.limits import LEVELS
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.report import Report
 from tools.proof.determinism import TINY
-from tools.proof.face_meshes import GENERATORS, glb_of, scan_with_image
 from tools.proof.memory import Memory, resident
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -133,7 +133,7 @@ def cases_of(scenes, vectors=VECTORS):
     """The cases of a job of determinism_child: scenes that are coded and decoded, vectors that are decoded."""
     every = [{"name": name, "source": name, "options": TINY[name], "stream": None} for name in scenes]
     every += [{"name": name, "source": None, "options": {}, "stream": str(CONFORMANCE / name / "in.texf")} for name in vectors]
-    return [{"decode": {}, "keep": None, **case} for case in every]
+    return [{"keep": None, **case} for case in every]
 
 
 def together(count, cases, cache=None):

@@ -147,7 +147,7 @@ def _levels(found):
 
 def _faces(found):
     yield ("Encoding with the usual options and decoding to GLB, two threads, kernels compiled, of meshes made by "
-           "tools/proof/face_meshes.py: scans, and inputs that are hard. Texels and voxels grow on one scan of "
+           "tests/load/meshes.py: scans, and inputs that are hard. Texels and voxels grow on one scan of "
            f"{FEW:,} faces whose mesh is kept. Seconds are of the processor; silent is the longest part of "
            "them without a word of progress. Memory is what the process held at most beyond what it held before, the image "
            "included. The exponent is of the power of the size that the seconds grow with, by least squares over the "

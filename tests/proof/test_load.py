@@ -9,12 +9,12 @@ import pytest
 from shapes import painted_sphere
 
 from load import many, parts, run
+from load.meshes import GENERATORS, glb_of
 from load.run import PARTS
 from texfcodec.api import decode
 from texfcodec.io.load import load as load_mesh
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions
-from tools.proof.face_meshes import GENERATORS, glb_of
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory of processes is looked up in /proc")
 SMALL = {

@@ -198,11 +198,7 @@ class Run:
     def __init__(self, configuration, folder):
         self.configuration, self.facts, self.rows, self.reason = configuration, None, {}, ""
         self.path, self.code = folder / f"{configuration.slug}.jsonl", package_code()
-        self._take_up()
-
-    def _take_up(self):
-        """Reads what an earlier run of the same code has left; of other code it is forgotten."""
-        try:
+        try:  # what an earlier run of the same code has left; of other code it is forgotten
             head, *lines = [json.loads(line) for line in self.path.read_text(encoding="utf-8").splitlines()]
         except (OSError, ValueError):
             head, lines = {}, []
@@ -216,24 +212,20 @@ class Run:
         with self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
 
-    def missing(self, cases):
-        """Those that have no row yet and that the configuration is for."""
-        return [case for case in cases if case.key not in self.rows and (case.tiny or not self.configuration.tiny_only)]
-
 
 def run(configuration, cases, args, streams):
-    """The Run of a configuration. streams: {key: file that is decoded}; keys that are missing are coded there first."""
-    found = Run(configuration, args.out)
-    todo = found.missing(cases)
-    absent = [case for case in todo if case.path is not None and not case.path.exists()]
-    for case in absent:
-        found.rows[case.key] = {"key": case.key, "missing": "the asset is not there"}
-    todo = [case for case in todo if case not in absent]
-    if todo:
-        try:
+    """The Run of a configuration. streams: {key: file that is decoded}; keys that are missing are encoded there first."""
+    found, todo = Run(configuration, args.out), []
+    for case in cases:
+        if case.path is not None and not case.path.exists():
+            found.rows.setdefault(case.key, {"key": case.key, "missing": "the asset is not there"})
+        elif case.key not in found.rows and (case.tiny or not configuration.tiny_only):
+            todo.append(case)
+    try:
+        if todo:
             _run_child(found, todo, args, streams)
-        except NotMade as reason:
-            found.reason = str(reason)
+    except NotMade as reason:
+        found.reason = str(reason)
     return found
 
 
@@ -242,15 +234,13 @@ def _run_child(found, todo, args, streams):
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch) / ELSEWHERE if configuration.elsewhere else REPOSITORY
         place.mkdir(exist_ok=True)
-        job = {"threads": configuration.threads,
-               "cases": [_told(case, place, configuration, streams, args.out) for case in todo]}
+        told = [_told(case, place, configuration, streams, args.out) for case in todo]
         python, variables = _process_of(configuration, args)
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "encoding": "utf-8"}
         with ((args.out / f"{configuration.slug}.log").open("w") as log,
               subprocess.Popen([python, REPOSITORY / "tools/proof/determinism_child.py"], cwd=place, stderr=log, env=variables,
-                               **pipes) as child):
+                               stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8") as child):
             try:
-                _listen(child, json.dumps(job), found, todo)
+                _listen(child, json.dumps({"threads": configuration.threads, "cases": told}), found, todo)
             finally:
                 child.kill()
 
@@ -263,7 +253,7 @@ def _told(case, place, configuration, streams, out):
     decoded = streams.get(case.key) if case.source is not None else case.path
     keep = stream_of(case, configuration, out)
     keep.parent.mkdir(parents=True, exist_ok=True)
-    return {"name": case.key, "source": source, "options": case.options, "keep": str(keep), "decode": {},
+    return {"name": case.key, "source": source, "options": case.options, "keep": str(keep),
             "stream": None if decoded is None else str(decoded)}
 
 
@@ -292,12 +282,9 @@ def _process_of(configuration, args):
 def _locale(name, folder):
     """A folder that holds a locale, made from the system's own definitions. Raises NotMade."""
     language, charset = name.split(".")
-    if not (folder / name).is_dir():
+    if not (folder / name).is_dir() and shutil.which("localedef"):
         folder.mkdir(parents=True, exist_ok=True)
-        try:
-            subprocess.run(["localedef", "-i", language, "-f", charset, str(folder / name)], capture_output=True, check=False)
-        except OSError:
-            pass
+        subprocess.run(["localedef", "-i", language, "-f", charset, str(folder / name)], capture_output=True, check=False)
     if not (folder / name).is_dir():
         raise NotMade(f"this system has no locale {name} and makes none")
     return folder.resolve()
@@ -312,8 +299,7 @@ def _listen(child, job, found, todo):
     if facts is None:
         raise NotMade(f"its process ends with {child.wait()} before it says a word")
     for name, wanted in found.configuration.expects.items():
-        is_so = facts[name].startswith(wanted) if isinstance(wanted, str) else facts[name] == wanted
-        if not is_so:
+        if not (facts[name].startswith(wanted) if isinstance(wanted, str) else facts[name] == wanted):
             raise NotMade(f"{name} is {facts[name]!r}, not {wanted!r}")
     if found.facts is None:
         found.note({"code": found.code, "facts": facts})
@@ -323,22 +309,8 @@ def _listen(child, job, found, todo):
         found.rows[row["key"]] = row
         found.note(row)
         print(f"{found.configuration.name}: {row['key']}: {row.get('error') or str(row['seconds']) + ' s'}", flush=True)
-    left = [case for case in todo if case.key not in found.rows]
-    if left:
+    if left := [case for case in todo if case.key not in found.rows]:
         raise NotMade(f"its process ended with {child.wait()} at {left[0].key}")
-
-
-# All of them
-
-
-def run_all(cases, configurations, args):
-    """[Run], the reference first; every other decodes what that has encoded."""
-    args.out.mkdir(parents=True, exist_ok=True)
-    args.out = args.out.resolve()
-    reference = run(REFERENCE, cases, args, {})
-    streams = {case.key: stream_of(case, REFERENCE, args.out) for case in cases if case.source is not None}
-    streams = {key: path for key, path in streams.items() if path.exists()}
-    return [reference, *(run(one, cases, args, streams) for one in configurations)]
 
 
 # Verdicts, and the page
@@ -462,9 +434,13 @@ def main(arguments=None):
     parser.add_argument("--quick", action="store_true", help=f"tiny scenes, and of the configurations {' and '.join(QUICK)}")
     parser.add_argument("--page", type=Path, metavar="FILE.md")
     args = parser.parse_args(arguments)
-    cases = cases_of(args.assets, args.quick)
+    args.out.mkdir(parents=True, exist_ok=True)
+    args.out, cases = args.out.resolve(), cases_of(args.assets, args.quick)
     wanted = args.only or (QUICK if args.quick else [one.name for one in CONFIGURATIONS])
-    runs = run_all(cases, [one for one in CONFIGURATIONS if one.name in wanted], args)
+    reference = run(REFERENCE, cases, args, {})  # every other decodes what this has encoded
+    streams = {case.key: stream_of(case, REFERENCE, args.out) for case in cases if case.source is not None}
+    streams = {key: path for key, path in streams.items() if path.exists()}
+    runs = [reference, *(run(one, cases, args, streams) for one in CONFIGURATIONS if one.name in wanted)]
     verdicts = verdicts_of(runs, cases)
     text = page_of(runs, cases, verdicts, {**TINY, "sample": SAMPLE, **ASSETS})
     if args.page:

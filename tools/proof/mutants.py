@@ -278,13 +278,11 @@ def killer_of(mutant, cases):
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        os.close(reading)
         _try_cases(mutant, cases, writing)
     os.close(writing)
     with os.fdopen(reading) as pipe:
-        said = pipe.read().splitlines()
+        *_, last = ["import", *pipe.read().splitlines()]
     os.waitpid(child, 0)
-    last = said[-1] if said else "import"
     return None if last == "survived" else last
 
 
@@ -371,15 +369,16 @@ def is_of(mutant, part):
 
 def _arguments(arguments):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--module", action="append", choices=MODULES, help="of these modules only; repeatable")
-    parser.add_argument("--only", action="append", metavar="PART", help="of this function or clause only; repeatable")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="every N-th mutant only")
-    parser.add_argument("--sample", type=int, metavar="N", help="so many, drawn at random")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the drawing (default 0)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
-    parser.add_argument("--seconds", type=float, default=0, metavar="S", help="begin no more mutants after so long")
-    parser.add_argument("--state", type=Path, metavar="FILE.jsonl", help="what was found: read first, then added to")
-    parser.add_argument("--page", type=Path, metavar="FILE.md")
+    add = parser.add_argument
+    add("--module", action="append", choices=MODULES, help="of these modules only; repeatable")
+    add("--only", action="append", metavar="PART", help="of this function or clause only; repeatable")
+    add("--every", type=int, default=1, metavar="N", help="every N-th mutant only")
+    add("--sample", type=int, metavar="N", help="so many, drawn at random")
+    add("--seed", type=int, default=0, metavar="S", help="of the drawing (default 0)")
+    add("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
+    add("--seconds", type=float, default=0, metavar="S", help="begin no more mutants after so long")
+    add("--state", type=Path, metavar="FILE.jsonl", help="the results: read first, then added to")
+    add("--page", type=Path, metavar="FILE.md")
     return parser.parse_args(arguments)
 
 

@@ -18,7 +18,6 @@ from texfcodec.geometry.draco import _HEADER, dec_geometry, enc_geometry
 from texfcodec.geometry.mesh import Mesh
 
 
-
 @pytest.mark.parametrize("count, faces", [(30, 40), (1000, 3), (5, 1)])
 def test_used_vertices_are_numbered_as_sorting_them_would(count, faces):
     """Few faces of many vertices are sorted, others counted."""

@@ -43,6 +43,15 @@ def dae(surface=None, points=SQUARE, diffuse='<texture texture="s" texcoord="UV0
 <instance_material symbol="skin" target="#m">{bound}</instance_material></technique_common></bind_material></instance_geometry>
 </node></visual_scene></library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>"""
 FACETS = SQUARE[TWO]
+XYZ = "property float x\nproperty float y\nproperty float z\n"
+FACES = "element face 1\nproperty list uchar int vertex_indices\n"
+
+
+def ascii_ply(elements, rows, vertices=SQUARE, more="", head=""):
+    """An ascii PLY: vertices with `more` properties in their rows, then other elements."""
+    points = vertices if isinstance(vertices, list) else [" ".join(map(str, row)) for row in np.asarray(vertices).tolist()]
+    return (f"ply\nformat ascii 1.0\n{head}element vertex {len(points)}\n{XYZ}{more}{elements}end_header\n" + "\n".join(points)
+            + f"\n{rows}\n")
 
 
 def stl(facets=FACETS, attributes=(0, 0), header=b"made here", normal=(0, 0, 1), count=None):

@@ -101,6 +101,12 @@ def load_bytes(folder, source, name="a.glb", **options):
     return load(folder / name, **options)
 
 
+def facing(scene):
+    """Twice the vector area of each face, float64 [F, 3]."""
+    a, b, c = (scene.positions[scene.faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
 def refusal(folder, source, name="a.glb", **options):
     """The TexfError that loading ends in."""
     with pytest.raises(TexfError) as caught:

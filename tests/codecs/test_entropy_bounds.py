@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from bounds import Draws, Group
 
-from naive import mixing, oracles
+from conformance.reference import mixing
+from oracles import kernels as oracles
 from texfcodec.codecs.raht.entropy.mixing import LIMIT, MAX_MODELS, _dec_mixed_bit, _enc_mixed_bit, new_chosen, new_model
 from texfcodec.codecs.raht.entropy.range_coder import (
     FULL,

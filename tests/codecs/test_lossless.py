@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapes
 
-from naive.decoder import decode as naive_decode
+from conformance.reference.decoder import decode as naive_decode
 from texfcodec import EncodeOptions, decode
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.cli import enc, info

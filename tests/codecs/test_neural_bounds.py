@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from bounds import Draws, Group
 
-from naive.bits import Reader
-from naive.neural import Neural, fixed_point
-from naive.syntax import read_neural
+from conformance.reference.bits import Reader
+from conformance.reference.neural import Neural, fixed_point
+from conformance.reference.syntax import read_neural
 from texfcodec.codecs.neural import fit as neural_fit
 from texfcodec.codecs.neural.fit_samples import Samples
 from texfcodec.codecs.neural.infer import fixed_weights, infer

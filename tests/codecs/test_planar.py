@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from naive.attributes import decode_values
+from conformance.reference.attributes import decode_values
 from texfcodec.bitstream.stream import Stream, attribute_variables
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
 from texfcodec.codecs.raht import attribute_coder, tool_choice
@@ -65,7 +65,7 @@ def decoded_image(keys, depth, coded, stop=None, threads=1):
 
 
 def naive_unit(coded: CodedAttributes, depth):
-    """The unit as tests/naive reads it."""
+    """The unit as the reference decoder reads it."""
     stages = [{"mask": s.mask, "coefficients": taps_of(s)} for s in coded.filters]
     names = ("qp", "kernel", "colour_range", "slice_level", "slice_first", "codewords", "residual", "residual_cross",
              "planar", "planar_transform", "component_cross", "dct_blocks")

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from bounds import Draws, Group
 
-from naive import oracles
-from naive.filter import filter_stage
+from conformance.reference.filter import filter_stage
+from oracles import kernels as oracles
 from texfcodec.codecs.raht.attribute_coder import Tools, dec_attributes, enc_attributes
 from texfcodec.codecs.raht.transform import filter as filter_room
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain

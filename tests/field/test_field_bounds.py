@@ -8,8 +8,8 @@ import pytest
 from bounds import Draws, Group
 from shapes import scene_of
 
-from naive import oracles
-from naive import texels as naive
+from conformance.reference import texels as naive
+from oracles import kernels as oracles
 from texfcodec.core.integer import _isqrt
 from texfcodec.field.grid import build_brick_map
 from texfcodec.field.morton import decode_morton

@@ -237,7 +237,7 @@ def test_gaps_are_filled_with_what_mip_levels_average():
     known[0, 0] = known[1, 1] = known[5, 6] = True
     fill_gaps(image, known)
     assert image[0, 1] == 75 and image[4, 7] == 200 and image[3, 3] == 75 and (image > 0).all()
-    assert (image[0, 0], image[1, 1], image[5, 6]) == (100, 50, 200)
+    assert (image[0, 0], image[1, 1], image[5, 6]) == (100, 50, 200)  # what is known stays
 
 
 def test_colour_under_invisible_texels_comes_from_visible_ones():

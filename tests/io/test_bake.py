@@ -9,7 +9,6 @@ from analytic import decoded, grid_mesh, soup_mesh, sphere_mesh, surface_samples
 
 from texfcodec.io.atlas import system as system_room
 from texfcodec.io.atlas.bake import bake
-from texfcodec.io.atlas.gaps import fill_gaps
 from texfcodec.io.atlas.gutters import continue_over_borders
 from texfcodec.io.atlas.maps import _in_tangent_space
 from texfcodec.io.atlas.seams import LEVELS, border_edges, measure_seams
@@ -261,14 +260,6 @@ def test_without_borders_nothing_jumps():
     texf = SimpleNamespace(positions=np.zeros((0, 3)), faces=np.zeros((0, 3), np.int64))
     told = measure_seams(texf.positions, texf.faces, np.zeros((0, 3, 2)), [], np.zeros(0, np.int64))
     assert told == {"border_edges": 0, "points": 0, "mean": [0.0] * LEVELS, "largest": [0.0] * LEVELS}
-
-
-def test_gaps_keep_what_is_known():
-    image = np.arange(64, dtype=np.uint8).reshape(8, 8, 1)
-    known = np.indices((8, 8)).sum(0) % 3 == 0
-    filled = image.copy()
-    fill_gaps(filled, known)
-    assert np.array_equal(filled[known], image[known])
 
 
 @pytest.mark.parametrize("hand", [1, -1])

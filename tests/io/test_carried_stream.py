@@ -1,7 +1,6 @@
 """TEXF_stream: a GLB or glTF that carries a .texf stream beside a coarse level of it."""
 
 import json
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -100,18 +99,6 @@ def test_an_empty_mesh_is_carried():
     assert decode(data).faces.shape == (0, 3)
     with pytest.raises(InputError, match="TXF-I15"):
         load(data)
-
-
-@pytest.mark.slow
-def test_the_validator_finds_nothing(sheet, tmp_path):
-    if shutil.which("node") is None:
-        pytest.skip("node is not here")
-    (tmp_path / "a.glb").write_bytes(carrying(sheet)[0])
-    run = subprocess.run(["node", str(REPOSITORY / "tools/proof/validate_glb.mjs"), str(tmp_path / "a.glb")], cwd=REPOSITORY,
-                         capture_output=True, text=True, check=False)
-    if run.returncode == 2:
-        pytest.skip("gltf-validator is not here: npm install gltf-validator")
-    assert run.returncode == 0 and "0 errors, 0 warnings" in run.stdout, run.stdout
 
 
 # Reading.

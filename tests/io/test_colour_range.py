@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from format_files import FACES, ascii_ply
 from mesh_files import SQUARE, Builder, load_bytes
 
 from texfcodec.io.colour_range import unit_colours
@@ -70,11 +71,8 @@ def test_colours_of_a_gltf_above_1_are_clipped_with_a_remark(tmp_path):
 
 @pytest.mark.parametrize("suffix, text", [
     ("obj", "v 0 0 0 {0} 0.5 0\nv 1 0 0 0 {1} 0\nv 1 1 0 0 0 1\nf 1 2 3\n"),
-    ("ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-            "property float {name}red\nproperty float {name}green\nproperty float {name}blue\n"
-            "element face 1\nproperty list uchar int vertex_indices\n"
-            "end_header\n0 0 0 {0} 0.5 0\n1 0 0 0 {1} 0\n1 1 0 0 0 1\n3 0 1 2\n"),
-    ("off", "COFF\n3 1 0\n0 0 0 {0} 0.5 0 1\n1 0 0 0 {1} 0 1\n1 1 0 0 0 1 1\n3 0 1 2\n"),
+    ("ply", ascii_ply(FACES, "3 0 1 2", ["0 0 0 {0} 0.5 0", "1 0 0 0 {1} 0", "1 1 0 0 0 1"],
+                      "property float {name}red\nproperty float {name}green\nproperty float {name}blue\n")),
 ])
 @pytest.mark.parametrize("name", ["", "diffuse_", "vertex_"])
 def test_a_vertex_colour_above_1_changes_no_other(tmp_path, suffix, text, name):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from damage import with_a_bit_flipped
 from format_files import TRIANGLES, UV, dae, numbers
-from mesh_files import RED_BLUE, SQUARE, TWO, encoded, load_bytes, refusal
+from mesh_files import RED_BLUE, SQUARE, TWO, encoded, facing, load_bytes, refusal
 
 from texfcodec.errors import SupportError, TexfError
 from texfcodec.scene.scene import ALPHA_BLEND, WRAP_CLAMP, WRAP_REPEAT
@@ -44,8 +44,7 @@ def test_the_uv_set_that_the_material_binds_is_taken(scene_of):
 def test_nodes_place_and_mirror(scene_of):
     scene = scene_of(node="<translate>0 0 5</translate><scale>-2 1 1</scale>")
     np.testing.assert_allclose(scene.positions, SQUARE * [-2, 1, 1] + [0, 0, 5])
-    normals = np.cross(*(scene.positions[scene.faces[:, k]] - scene.positions[scene.faces[:, 0]] for k in (1, 2)))
-    assert (normals[:, 2] > 0).all()
+    assert (facing(scene)[:, 2] > 0).all()
     place = scene.positions[scene.faces]
     np.testing.assert_allclose(scene.corner_uv[..., 0], place[..., 0] / -2)
 
@@ -55,8 +54,7 @@ def test_concave_polygons_are_cut(scene_of):
     surface = ('<polylist count="1" material="skin"><input semantic="VERTEX" source="#v" offset="0"/><vcount>5</vcount>'
                "<p>0 1 2 3 4</p></polylist>")
     scene = scene_of(surface=surface, points=points, diffuse="<color>1 0.5 0 1</color>")
-    a, b, c = (scene.positions[scene.faces[:, k]] for k in range(3))
-    areas = 0.5 * np.cross(b - a, c - a)[:, 2]
+    areas = 0.5 * facing(scene)[:, 2]
     assert (areas > 0).all() and areas.sum() == pytest.approx(10)
     np.testing.assert_allclose(scene.materials[0].factor, [1, 0.21404, 0, 1], atol=1e-5)
     assert scene.materials[0].texture == -1

@@ -5,9 +5,8 @@ import unicodedata
 
 import numpy as np
 import pytest
-from format_files import dae
+from format_files import FACES, ascii_ply, dae
 from mesh_files import RED_BLUE, encoded, load_bytes, refusal, textured
-from threemf_files import mesh, model, package
 
 from texfcodec.io.file_search import find_file, is_remote, readings
 from texfcodec.io.load import load
@@ -145,19 +144,14 @@ def test_a_missing_texture_is_a_loss_in_every_reader(tmp_path):
     builder = textured()
     builder.tree["images"][0] = {"uri": "gone.png"}
     put(tmp_path, "a.mtl", b"newmtl m\nmap_Kd gone.png\n")
-    ply = ("ply\nformat ascii 1.0\ncomment TextureFile gone.png\nelement vertex 3\nproperty float x\nproperty float y\n"
-           "property float z\nproperty float s\nproperty float t\nelement face 1\nproperty list uchar int vertex_index\n"
-           "end_header\n0 0 0 0 0\n"
-           "1 0 0 1 0\n1 1 0 1 1\n3 0 1 2\n")
-    group = ('<m:texture2d id="5" path="/3D/gone.png" contenttype="image/png"/><m:texture2dgroup id="6" texid="5">'
-             '<m:tex2coord u="0" v="0"/></m:texture2dgroup>')
-    files = {"a.glb": builder, "a.obj": OBJ.format("a.mtl", "m"), "a.ply": ply, "a.dae": dae().replace("t%20ex.png", "gone.png"),
-             "a.3mf": package(model(group + mesh('pid="6" p1="0"', 'pid="6" p1="0"')))}
+    ply = ascii_ply(FACES, "3 0 1 2", [f"{x} {y} 0 {x} {y}" for x, y in ((0, 0), (1, 0), (1, 1))],
+                    "property float s\nproperty float t\n", "comment TextureFile gone.png\n")
+    files = {"a.glb": builder, "a.obj": OBJ.format("a.mtl", "m"), "a.ply": ply, "a.dae": dae().replace("t%20ex.png", "gone.png")}
     for name, source in files.items():
         scene = load_bytes(tmp_path, source, name)
         assert scene.dropped == ["texture 'gone.png' of base colour"], name
-        assert scene.warnings == [f"texture file '{'/3D/' * (name == 'a.3mf')}gone.png' is missing or unreadable; base colour is "
-                                  "drawn without it (TXF-I16)"], name
+        assert scene.warnings == [
+            "texture file 'gone.png' is missing or unreadable; base colour is drawn without it (TXF-I16)"], name
         assert refusal(tmp_path, source, name, strict=True).code == "TXF-I16"
 
 

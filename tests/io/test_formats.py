@@ -8,15 +8,17 @@ import tomllib
 
 import numpy as np
 import pytest
+import trimesh
+from format_files import FACES, ascii_ply
 from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, encoded, load_bytes, refusal, textured
 
 from texfcodec.io.formats import FORMATS, SUFFIXES, format_of
 from texfcodec.io.load import load
+from texfcodec.io.placing import Placing
 
 OBJ = "mtllib m.mtl\nusemtl paint\nv 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nf 1/1 2/2 3/3\n"
 MTL = "newmtl paint\nKd 0.5 0.25 1\nmap_Kd é.png\n"
-PLY = ("ply\nformat ascii 1.0\ncomment größe\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-       "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n")
+PLY = ascii_ply(FACES, "3 0 1 2", head="comment größe\n")
 
 
 # The table.
@@ -34,8 +36,8 @@ def test_the_packages_that_formats_need_stand_in_the_extra():
 
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extra = " ".join(project["optional-dependencies"]["formats"])
-    needed = {entry.package for entry in FORMATS if entry.package} | {"opengl-basisu", "meshoptimizer"}
-    assert len(needed) == 3 and all(package in extra for package in needed)
+    needed = {entry.package for entry in FORMATS if entry.package} | {"networkx", "opengl-basisu", "meshoptimizer"}
+    assert len(needed) == 5 and all(package in extra for package in needed)
 
 
 def test_the_table_costs_no_numpy():
@@ -131,14 +133,17 @@ def test_gltf_and_ply_text_are_read_by_their_byte_order_mark(tmp_path, encoding)
 # Files that another program wrote.
 
 
-@pytest.mark.parametrize("suffix, packages", [(".stl", ()), (".off", ()), (".dae", ("collada",)), (".3mf", ("networkx", "lxml")),
+@pytest.mark.parametrize("suffix, packages", [(".stl", ()), (".off", ()), (".dae", ("collada",)), (".3mf", ()),
                                               (".ply", ()), (".obj", ()), (".glb", ())])
 def test_what_trimesh_writes_is_read(tmp_path, suffix, packages):
-    trimesh = pytest.importorskip("trimesh")
     for package in packages:
         pytest.importorskip(package, reason=f"trimesh writes {suffix} with the package {package}")
     mesh = trimesh.creation.torus(1.0, 0.3, major_sections=12, minor_sections=8)
-    mesh.export(tmp_path / f"a{suffix}")
+    if suffix == ".3mf":  # which has Z up and millimetres
+        mesh.copy().apply_scale(1000).export(tmp_path / f"a{suffix}")
+        mesh.apply_transform(Placing("Z").matrix)
+    else:
+        mesh.export(tmp_path / f"a{suffix}")
     scene = load(tmp_path / f"a{suffix}")
     assert len(scene.faces) == len(mesh.faces)
     corners = scene.positions[scene.faces].reshape(-1, 9), mesh.triangles.reshape(-1, 9)
@@ -151,30 +156,9 @@ def test_what_trimesh_writes_is_read(tmp_path, suffix, packages):
 # Alpha where the format has no modes
 
 
-COLOURED_PLY = """ply
-format ascii 1.0
-element vertex 3
-property float x
-property float y
-property float z
-property uchar red
-property uchar green
-property uchar blue
-property uchar alpha
-element face 1
-property list uchar int vertex_indices
-end_header
-0 0 0 10 20 30 {alpha}
-1 0 0 10 20 30 255
-0 1 0 10 20 30 255
-3 0 1 2
-"""
-COFF = "COFF\n3 1 0\n0 0 0 10 20 30 {alpha}\n1 0 0 10 20 30 255\n0 1 0 10 20 30 255\n3 0 1 2\n"
-
-
-@pytest.mark.parametrize("suffix, text", [("ply", COLOURED_PLY), ("off", COFF)])
-def test_alpha_that_nothing_asks_for_is_named(tmp_path, suffix, text):
+def test_alpha_that_nothing_asks_for_is_named(tmp_path):
     for alpha, named in ((128, 1), (255, 0)):
-        path = tmp_path / f"a{alpha}.{suffix}"
-        path.write_text(text.format(alpha=alpha))
-        assert sum("alpha" in name for name in load(path).dropped) == named
+        rows = [f"{x} {y} 0 10 20 30 {alpha}" for x, y in ((0, 0), (1, 0), (0, 1))]
+        more = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue", "alpha"))
+        scene = load_bytes(tmp_path, ascii_ply(FACES, "3 0 1 2", rows, more), "a.ply")
+        assert sum("alpha" in name for name in scene.dropped) == named

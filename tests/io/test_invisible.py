@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 from mesh_files import RED_BLUE, SQUARE_UV, Builder, encoded, load_bytes
-from threemf_files import mesh, model, package
 
 from texfcodec import EncodeOptions, InputError, Report
 from texfcodec.api import encode_to_result
@@ -46,26 +45,6 @@ def test_tr_and_d_are_read_as_their_exporters_mean_them(tmp_path, first, second,
     assert [bool(says) and says in text for text in scene.remarks + scene.warnings[: len(scene.dropped)]] == [True] * bool(says)
     assert [m.alpha_mode for m in scene.materials] == [ALPHA_OPAQUE if alpha == 1 else ALPHA_BLEND for alpha in expected]
     assert len(scene.warnings) == expected.count(0) + len(scene.dropped)
-
-
-def test_displaycolors_that_are_all_clear_mean_opaque(tmp_path):
-    base = '<basematerials id="5"><base name="a" displaycolor="#CAD1EE00"/><base name="b" displaycolor="{}"/></basematerials>'
-    faces = mesh('pid="5" p1="0"', 'pid="5" p1="1"')
-    scene = load_bytes(tmp_path, package(model(base.format("#FF000000") + faces)), "a.3mf", strict=True)
-    assert alphas(scene) == [1, 1] and scene.dropped == ["alpha in the 3MF file (guessed)"]
-    assert "no material of the 3MF file is opaque" in scene.warnings[0]
-    assert [m.alpha_mode for m in scene.materials] == [ALPHA_OPAQUE] * 2
-    scene = load_bytes(tmp_path, package(model(base.format("#FF0000") + faces)), "a.3mf")
-    assert alphas(scene) == [0, 1]
-    assert scene.warnings == ["material 'a' is invisible: its alpha is 0 wherever the surface uses it"]
-
-
-def test_alpha_of_3mf_colour_groups_is_named(tmp_path):
-    colours = '<m:colorgroup id="5"><m:color color="#FF0000{}"/></m:colorgroup>'
-    faces = mesh('pid="5" p1="0"', 'pid="5" p1="0"')
-    scene = load_bytes(tmp_path, package(model(colours.format("80") + faces)), "a.3mf")
-    assert scene.dropped[0].startswith("alpha of the colours")
-    assert load_bytes(tmp_path, package(model(colours.format("00") + faces)), "a.3mf").dropped == []
 
 
 def glb(image=None, uv=SQUARE_UV, mode="BLEND", factor=1.0, colour=None, wrap=10497, **more):

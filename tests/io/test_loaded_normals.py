@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from conftest import REPOSITORY
-from mesh_files import SQUARE, SQUARE_UV, TWO, Builder, load_bytes, refusal, textured
+from format_files import FACES, ascii_ply
+from mesh_files import SQUARE, SQUARE_UV, TWO, Builder, facing, load_bytes, refusal, textured
 from shapes import scene_of, square
 
 from texfcodec.errors import InputError
@@ -54,9 +55,7 @@ def test_nodes_turn_normals_by_the_inverse_transpose_and_tangents_along(tmp_path
     np.testing.assert_allclose(scene.corner_normal, (normals / np.linalg.norm(normals, axis=1, keepdims=True))[order], atol=1e-6)
     expected = np.hstack([tangents / np.linalg.norm(tangents, axis=1, keepdims=True), ALONG[:, 3:] * side])[order]
     np.testing.assert_allclose(scene.corner_tangent, expected, atol=1e-6)
-    corners = scene.positions[scene.faces]
-    faced = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert (np.einsum("fk,fk->f", faced, scene.corner_normal[:, 0]) > 0).all()  # the winding turns along
+    assert (np.einsum("fk,fk->f", facing(scene), scene.corner_normal[:, 0]) > 0).all()  # the winding turns along
 
 
 def test_a_node_that_is_flat_along_an_axis_still_faces_somewhere(tmp_path):
@@ -150,16 +149,12 @@ def test_an_obj_face_that_names_no_normal_there_is_refused(tmp_path):
     assert refusal(tmp_path, f"{OBJ}f 1//1 2//-3 3//1\n", "a.obj").code == "TXF-I13"
 
 
-def test_ply_and_off_normals(tmp_path):
-    rows = [f"{x:g} {y:g} {z:g} {a:g} {b:g} {c:g}" for (x, y, z), (a, b, c) in zip(SQUARE, UNIT, strict=True)]
-    names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
-    ply = "\n".join(["ply", "format ascii 1.0", "element vertex 4", names.strip(), "element face 2",
-                     "property list uchar int vertex_indices", "end_header", *rows, "3 0 1 2", "3 0 2 3", ""])
-    off = "\n".join(["NOFF", "4 2 0", *rows, "3 0 1 2", "3 0 2 3", ""])
-    for text, name in ((ply, "a.ply"), (off, "a.off")):
-        scene = load_bytes(tmp_path, text, name, strict=True)
-        np.testing.assert_allclose(scene.corner_normal, UNIT[TWO], atol=1e-5)
-        assert scene.dropped == [] and not scene.flat
+def test_ply_normals(tmp_path):
+    more = "property float nx\nproperty float ny\nproperty float nz\n"
+    text = ascii_ply(FACES, "4 0 1 2 3", np.hstack([SQUARE, UNIT]), more)
+    scene = load_bytes(tmp_path, text, "a.ply", strict=True)
+    np.testing.assert_allclose(scene.corner_normal, UNIT[TWO], atol=1e-5)
+    assert scene.dropped == [] and not scene.flat
 
 
 @pytest.mark.parametrize("name, value", [("corner_normal", np.zeros((2, 3, 2))), ("corner_tangent", np.zeros((2, 3, 3)))])

@@ -4,18 +4,10 @@ import struct
 
 import numpy as np
 import pytest
-from mesh_files import RED_BLUE, SQUARE, encoded, load_bytes, refusal
+from format_files import FACES, XYZ, ascii_ply
+from mesh_files import RED_BLUE, SQUARE, encoded, facing, load_bytes, refusal
 
 from texfcodec.io.ply_strips import strip_triangles
-
-XYZ = "property float x\nproperty float y\nproperty float z\n"
-
-
-def ascii_ply(elements, rows, vertices=SQUARE, more="", head=""):
-    """An ascii PLY: vertices with `more` properties in their rows, then other elements."""
-    points = vertices if isinstance(vertices, list) else [" ".join(map(str, row)) for row in np.asarray(vertices).tolist()]
-    return (f"ply\nformat ascii 1.0\n{head}element vertex {len(points)}\n{XYZ}{more}{elements}end_header\n" + "\n".join(points)
-            + f"\n{rows}\n")
 
 
 def naive_strip(indices):
@@ -68,8 +60,7 @@ def test_a_range_grid_becomes_triangles_that_face_the_scanner(tmp_path):
     text = ascii_ply("element range_grid 20\nproperty list uchar int vertex_indices\n", "\n".join(rows), points,
                      head="obj_info num_cols 5\nobj_info num_rows 4\n")
     scene = load_bytes(tmp_path, text, "a.ply", strict=True)
-    a, b, c = (scene.positions[scene.faces[:, k]] for k in range(3))
-    assert (np.cross(b - a, c - a)[:, 2] > 0).all() and scene.positions[:, 2].min() == 0
+    assert (facing(scene)[:, 2] > 0).all() and scene.positions[:, 2].min() == 0
     assert len(scene.faces) == 23 - 6 and "6 triangles across jumps in depth" in scene.remarks[0]
 
 
@@ -95,7 +86,7 @@ def test_colours_of_corners_and_faces_without_an_image(tmp_path):
                                    "color_r color_g color_b", "vertex_red vertex_green vertex_blue", "c.red c.green c.blue"])
 def test_colours_are_found_by_any_names_that_say_it(tmp_path, names):
     more = "".join(f"property float {name}\n" for name in names.split())
-    text = ascii_ply("element face 1\nproperty list uchar int vertex_indices\n", "4 0 1 2 3",
+    text = ascii_ply(FACES, "4 0 1 2 3",
                      [" ".join(map(str, point)) + " 1 0 1" for point in SQUARE.tolist()], more)
     assert load_bytes(tmp_path, text, "a.ply", strict=True).corner_color[0, 0].tolist() == [1, 0, 1, 1]
 
@@ -107,7 +98,7 @@ def test_colours_are_found_by_any_names_that_say_it(tmp_path, names):
     ("property float Quality\nproperty int scalar_Depth\n", " 1 2", []),
 ])
 def test_a_property_that_could_show_is_a_loss_and_a_measurement_is_not(tmp_path, property_, row, lost):
-    text = ascii_ply("element face 1\nproperty list uchar int vertex_indices\n", "4 0 1 2 3",
+    text = ascii_ply(FACES, "4 0 1 2 3",
                      [" ".join(map(str, point)) + row for point in SQUARE.tolist()], property_)
     scene = load_bytes(tmp_path, text, "a.ply")
     assert scene.dropped == lost and len(scene.remarks) == (0 if lost else row.count(" "))

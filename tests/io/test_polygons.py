@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from format_files import FACES, ascii_ply
 
 from texfcodec.io.load import load
 from texfcodec.io.polygons import MAX_CORNERS, triangulate
@@ -222,10 +223,9 @@ def test_attributes_travel_with_their_corners(tmp_path):
     np.testing.assert_allclose(scene.corner_uv[..., 0], scene.positions[scene.faces][..., 0])
     np.testing.assert_allclose(1 - scene.corner_uv[..., 1], scene.positions[scene.faces][..., 1])
     rows = [f"{x} {y} 0 {i} 0 0" for i, (x, y) in enumerate(flat)]
-    head = ("ply\nformat ascii 1.0\nelement vertex 15\nproperty double x\nproperty double y\nproperty double z\n"
-            "property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n"
-            "property list uchar int vertex_indices\nend_header\n")
-    (tmp_path / "a.ply").write_text(head + "\n".join(rows) + "\n15 " + " ".join(map(str, range(15))) + "\n")
+    more = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+    text = ascii_ply(FACES, "15 " + " ".join(map(str, range(15))), rows, more).replace("float", "double")
+    (tmp_path / "a.ply").write_text(text)
     scene = load(tmp_path / "a.ply")
     assert_covers(scene.positions, scene.faces, np.array([0, 0, shoelace(flat)]))
     order = np.argsort(scene.corner_color[..., 0].reshape(-1)).reshape(-1)

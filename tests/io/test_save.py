@@ -105,6 +105,16 @@ def test_vertex_colours_are_linear_and_split_where_fields_meet(tmp_path):
     assert (colour[index][1::2, :, 0] == pytest.approx(0.5029 * 65535, rel=1e-3)) and (colour[index][0::2] == 0).all()
 
 
+@pytest.mark.parametrize("suffix", SAVED_SUFFIXES)
+def test_arrays_of_all_units_are_joined_once_and_saving_leaves_them_as_they_are(tmp_path, suffix):
+    texf = decode(Path(__file__).parents[2] / "conformance/uncommon/texels_mixed/in.texf")
+    names = ("lattice_positions", "positions", "faces", "uv", "face_material", "face_field")
+    before = {name: getattr(texf, name).copy() for name in names}
+    save(texf, tmp_path / f"a{suffix}")
+    assert len(texf.units) == 3 and all(getattr(texf, name) is getattr(texf, name) for name in names)
+    assert all(np.array_equal(getattr(texf, name), before[name]) for name in names)
+
+
 def test_linear_colours_agree_between_bytes_and_floats():
     rgba = np.arange(256, dtype=np.uint8).repeat(4).reshape(-1, 4)
     assert np.array_equal(linear_u16(rgba), linear_u16(rgba.astype(np.float32)))
@@ -262,15 +272,10 @@ def test_interrupted_writing_leaves_nothing_behind(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "code"),
-    [
-        ("none/a.glb", {}, "TXF-O01"),
-        ("a.fbx", {}, "TXF-O05"),
-        ("a.glb", {"appearance": "shiny"}, "TXF-O06"),
-        ("d.glb", {}, "TXF-O02"),
-    ],
-)
+@pytest.mark.parametrize(("name", "options", "code"), [
+    ("none/a.glb", {}, "TXF-O01"), ("a.fbx", {}, "TXF-O05"), ("a.glb", {"appearance": "shiny"}, "TXF-O06"),
+    ("d.glb", {}, "TXF-O02"),
+])
 def test_hopeless_requests_are_refused_before_any_work(tmp_path, name, options, code):
     (tmp_path / "d.glb").mkdir()
     texf = decoded(*grid_mesh(4), query=None)

@@ -227,26 +227,18 @@ def test_empty_and_flat_meshes_are_packed(tmp_path, compress):
 # Careless use.
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "code"),
-    [
-        ("a.glb", {"texture_format": "gif"}, "TXF-O14"),
-        ("a.glb", {"texture_format": ["png"]}, "TXF-O14"),
-        ("a.glb", {"texture_quality": 50}, "TXF-O14"),
-        ("a.glb", {"texture_format": "png", "texture_quality": 50}, "TXF-O14"),
-        ("a.glb", {"texture_format": "jpeg", "texture_quality": 0}, "TXF-O14"),
-        ("a.glb", {"texture_format": "jpeg", "texture_quality": 101}, "TXF-O14"),
-        ("a.glb", {"texture_format": "jpeg", "texture_quality": 50.5}, "TXF-O14"),
-        ("a.glb", {"texture_format": "jpeg", "texture_quality": True}, "TXF-O14"),
-        ("a.glb", {"compress": "zip"}, "TXF-O14"),
-        ("a.glb", {"compress": "draco", "appearance": "voxels"}, "TXF-O14"),
-        ("a.glb", {"texture_format": "webp", "appearance": "vertex"}, "TXF-O14"),
-        ("a.obj", {"texture_format": "webp"}, "TXF-O14"),
-        ("a.obj", {"compress": "draco"}, "TXF-O14"),
-        ("a.ply", {"texture_format": "jpeg"}, "TXF-O14"),
-        ("a.npz", {"texture_format": "jpeg"}, "TXF-O14"),
-    ],
-)
+@pytest.mark.parametrize(("name", "options", "code"), [
+    ("a.glb", {"texture_format": "gif"}, "TXF-O14"), ("a.glb", {"texture_format": ["png"]}, "TXF-O14"),
+    ("a.glb", {"texture_quality": 50}, "TXF-O14"), ("a.glb", {"texture_format": "png", "texture_quality": 50}, "TXF-O14"),
+    ("a.glb", {"texture_format": "jpeg", "texture_quality": 0}, "TXF-O14"),
+    ("a.glb", {"texture_format": "jpeg", "texture_quality": 101}, "TXF-O14"),
+    ("a.glb", {"texture_format": "jpeg", "texture_quality": 50.5}, "TXF-O14"),
+    ("a.glb", {"texture_format": "jpeg", "texture_quality": True}, "TXF-O14"), ("a.glb", {"compress": "zip"}, "TXF-O14"),
+    ("a.glb", {"compress": "draco", "appearance": "voxels"}, "TXF-O14"),
+    ("a.glb", {"texture_format": "webp", "appearance": "vertex"}, "TXF-O14"), ("a.obj", {"texture_format": "webp"}, "TXF-O14"),
+    ("a.obj", {"compress": "draco"}, "TXF-O14"), ("a.ply", {"texture_format": "jpeg"}, "TXF-O14"),
+    ("a.npz", {"texture_format": "jpeg"}, "TXF-O14"),
+])
 def test_formats_that_make_no_sense_are_refused_before_any_work(tmp_path, name, options, code):
     with pytest.raises(InputError, match=code):
         save(decoded(*grid_mesh(4), query=None), tmp_path / name, **options)

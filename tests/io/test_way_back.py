@@ -2,8 +2,6 @@
 
 import io
 import json
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -104,18 +102,6 @@ def test_materials_with_and_without_images_share_a_file(tmp_path):
     assert sorted(map(sorted, attributes(document))) == [["COLOR_0", "NORMAL", "POSITION"], ["POSITION", "TEXCOORD_0"]]
     back = load(tmp_path / "a.glb")
     assert len(back.faces) == len(both.faces) and len(back.textures) == 1
-
-
-def test_the_validator_finds_nothing_in_colours_at_vertices(tmp_path):
-    if shutil.which("node") is None:
-        pytest.skip("node is not here")
-    for number, scene in enumerate((painted_sphere(6), scene_of(*sphere(6)))):
-        save(coded(scene), tmp_path / f"{number}.glb")
-    run = subprocess.run(["node", str(REPOSITORY / "tools/proof/validate_glb.mjs"), *map(str, sorted(tmp_path.glob("*.glb")))],
-                         cwd=REPOSITORY, capture_output=True, text=True, check=False)
-    if run.returncode == 2:
-        pytest.skip("gltf-validator is not here: npm install gltf-validator")
-    assert run.returncode == 0 and run.stdout.count("0 errors, 0 warnings") == 2, run.stdout
 
 
 # Images no larger than they have to be.

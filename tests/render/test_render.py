@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from shapes import painted_sphere, scene_of, square
 
-from naive import raster as naive
+from oracles import raster as naive
 from texfcodec.api import decode
 from texfcodec.cli import render as render_command
 from texfcodec.encoder.pipeline import encode_scene

@@ -30,9 +30,9 @@ FORMATS = (
     Format(".gltf", "gltf.reader", "read_gltf", "TXF-I09", "glTF 2.0", text=True),
     Format(".obj", "obj", "read_obj", "TXF-I20", "Wavefront OBJ", text=True),
     Format(".ply", "ply", "read_ply", "TXF-I21", "Stanford PLY", (b"ply", b"PLY"), text=True),
-    Format(".stl", "stl", "read_stl", "TXF-I23", "STL"),
-    Format(".off", "off", "read_off", "TXF-I23", "OFF", text=True),
-    Format(".3mf", "threemf", "read_3mf", "TXF-I24", "3MF", (b"PK\x03\x04",)),
+    Format(".stl", "trimesh_files", "read_stl", "TXF-I23", "STL"),
+    Format(".off", "trimesh_files", "read_off", "TXF-I23", "OFF", text=True),
+    Format(".3mf", "trimesh_files", "read_3mf", "TXF-I24", "3MF", (b"PK\x03\x04",), package="lxml"),
     Format(".dae", "dae", "read_dae", "TXF-I24", "COLLADA", package="pycollada"),
 )
 

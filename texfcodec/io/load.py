@@ -50,9 +50,6 @@ def load(source: object, strict: bool = False, limits: Limits | None = None) -> 
                      value=type(source).__name__)
 
 
-load_any = load
-
-
 def _load_file(path, notes):
     data = _read_file(path)
     opened(path)

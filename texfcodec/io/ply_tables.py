@@ -94,86 +94,38 @@ def _header_line(header, words, line):
 
 def _read_elements(data, header):
     """{element: {property: array [n], or for lists (values [sum], lengths [n])}}"""
-    is_text = header.form == "ascii"
-    reader = _Ascii(data[header.size :]) if is_text else _Binary(data, header.size, _ORDERS[header.form])
+    reader = _Text(data[header.size :]) if header.form == "ascii" else _Binary(data, header.size, _ORDERS[header.form])
     tables = {}
     for element in header.elements:
         if not element.properties:  # would cost no bytes per row, so its count could not be checked
             raise malformed(f"element '{element.name}' has no properties")
-        tables[element.name] = reader.read(element)
+        tables[element.name] = reader.uniform(element) or reader.rows(element)
     return tables
 
 
-class _Ascii:
-    """Every number of the body at once, as float64; elements are cut from it."""
-
-    def __init__(self, body):
-        values = parse_numbers(bytes(body), np.float64)
-        if values is None:
-            raise malformed("its body contains text that is not a number")
-        self.values, self.at = values, 0
-
-    def read(self, element):
-        if not any(counter for _, _, counter in element.properties):
-            block = self._take(element.count * len(element.properties), element)
-            block = block.reshape(element.count, -1) if element.count else block.reshape(0, len(element.properties))
-            return {name: _stored(block[:, i], kind) for i, (name, kind, _) in enumerate(element.properties)}
-        return self._uniform(element) or _read_rows(element, lambda kind, count: self._take(count, element))
-
-    def _take(self, count, element):
-        if self.at + count > len(self.values):
-            raise malformed(f"it ends within element '{element.name}'", value=len(self.values) - self.at, allowed=count)
-        self.at += count
-        return self.values[self.at - count : self.at]
-
-    def _uniform(self, element):
-        """All rows as long as the first: one reshape. None when they are not."""
-        lengths: list[int | None] = []
-        width = 0
-        for _, _, counter in element.properties:
-            if counter is None:
-                lengths.append(None)
-                width += 1
-                continue
-            if self.at + width >= len(self.values) or not 0 <= self.values[self.at + width] <= len(self.values):
-                return None
-            lengths.append(int(self.values[self.at + width]))
-            width += 1 + int(self.values[self.at + width])
-        if self.at + width * element.count > len(self.values):
-            return None
-        block = self.values[self.at : self.at + width * element.count].reshape(element.count, width)
-        table: dict = {}
-        column = 0
-        for (name, kind, _), length in zip(element.properties, lengths, strict=True):
-            if length is None:
-                table[name] = _stored(block[:, column], kind)
-                column += 1
-                continue
-            if (block[:, column] != length).any():
-                return None
-            values = block[:, column + 1 : column + 1 + length].reshape(-1)
-            table[name] = _stored(values, kind), np.full(element.count, length)
-            column += 1 + length
-        self.at += width * element.count
-        return table
-
-
 class _Binary:
+    """A body of numbers that are `order` and type letters apart."""
+
     def __init__(self, data, at, order):
         self.data, self.at, self.order = data, at, order
 
-    def read(self, element):
-        return self._uniform(element) or _read_rows(element, lambda kind, count: self._take(kind, count, element))
+    def type_of(self, kind):
+        """The dtype of what the header calls kind."""
+        return np.dtype(self.order + kind)
+
+    def stored(self, values, kind):
+        """Values as the header says that they are."""
+        return values
 
     def _take(self, kind, count, element):
-        dtype = np.dtype(self.order + kind)
+        dtype = self.type_of(kind)
         if self.at + count * dtype.itemsize > len(self.data):
             raise malformed(f"it ends within element '{element.name}'", offset=len(self.data))
         values = np.frombuffer(self.data, dtype, count, self.at)
         self.at += count * dtype.itemsize
         return values
 
-    def _uniform(self, element):
+    def uniform(self, element):
         """The element as one structured array when every list is as long as in the first row; else None."""
         fields: list[tuple] = []
         lengths: list[int | None] = []
@@ -181,16 +133,17 @@ class _Binary:
         for i, (_, kind, counter) in enumerate(element.properties):
             length = None
             if counter is not None:
-                dtype = np.dtype(self.order + counter)
+                dtype = self.type_of(counter)
                 if at + dtype.itemsize > len(self.data):
                     return None
-                length = int(np.frombuffer(self.data, dtype, 1, at)[0])
-                if not 0 <= length <= len(self.data):
+                first = np.frombuffer(self.data, dtype, 1, at)[0]
+                if not 0 <= first <= len(self.data):
                     return None
-                fields.append((f"n{i}", self.order + counter))
+                length = int(first)
+                fields.append((f"n{i}", dtype))
                 at += dtype.itemsize
-            fields.append((f"p{i}", self.order + kind) if length is None else (f"p{i}", self.order + kind, (length,)))
-            at += np.dtype(kind).itemsize * (1 if length is None else length)
+            fields.append((f"p{i}", self.type_of(kind)) if length is None else (f"p{i}", self.type_of(kind), (length,)))
+            at += self.type_of(kind).itemsize * (1 if length is None else length)
             lengths.append(length)
         size = at - self.at
         if self.at + size * element.count > len(self.data) or not size:
@@ -199,26 +152,43 @@ class _Binary:
         if any((block[f"n{i}"] != length).any() for i, length in enumerate(lengths) if length is not None):
             return None
         self.at += size * element.count
-        return {name: block[f"p{i}"] if lengths[i] is None else (block[f"p{i}"].reshape(-1), np.full(len(block), lengths[i]))
-                for i, (name, _, _) in enumerate(element.properties)}
+        table = {}
+        for i, ((name, kind, _), length) in enumerate(zip(element.properties, lengths, strict=True)):
+            values = self.stored(block[f"p{i}"] if length is None else block[f"p{i}"].reshape(-1), kind)
+            table[name] = values if length is None else (values, np.full(len(block), length))
+        return table
 
-
-def _read_rows(element, take):
-    """Row by row, for lists of different lengths. take: (dtype letter, count) -> the next values."""
-    table: dict[str, list[np.ndarray]] = {name: [] for name, _, _ in element.properties}
-    for _ in range(element.count):
+    def rows(self, element):
+        """The element row by row, for lists of different lengths."""
+        table: dict[str, list[np.ndarray]] = {name: [] for name, _, _ in element.properties}
+        for _ in range(element.count):
+            for name, kind, counter in element.properties:
+                length = 1 if counter is None else int(self._take(counter, 1, element)[0])
+                if length < 0:
+                    raise malformed("a list has a negative length")
+                table[name].append(self._take(kind, length, element))
+        out = {}
         for name, kind, counter in element.properties:
-            length = 1 if counter is None else int(take(counter, 1)[0])
-            if length < 0:
-                raise malformed("a list has a negative length")
-            table[name].append(take(kind, length))
-    out = {}
-    for name, kind, counter in element.properties:
-        rows = table[name]
-        values = np.concatenate(rows) if rows else np.zeros(0, kind)
-        values = _stored(values, kind)
-        out[name] = values if counter is None else (values, np.array([len(row) for row in rows], np.int64))
-    return out
+            rows = table[name]
+            values = self.stored(np.concatenate(rows) if rows else np.zeros(0, kind), kind)
+            out[name] = values if counter is None else (values, np.array([len(row) for row in rows], np.int64))
+        return out
+
+
+class _Text(_Binary):
+    """Every number of an ascii body at once, as float64."""
+
+    def __init__(self, body):
+        values = parse_numbers(bytes(body), np.float64)
+        if values is None:
+            raise malformed("its body contains text that is not a number")
+        super().__init__(values.view(np.uint8), 0, "<")
+
+    def type_of(self, kind):
+        return np.dtype(np.float64)
+
+    def stored(self, values, kind):
+        return _stored(values, kind)
 
 
 def _stored(values, kind):

@@ -1,11 +1,11 @@
-"""Mutants of the naive decoder: one rule changed at a time, to see whether a conformance vector notices.
+"""Mutants of the reference decoder: one rule changed at a time, to see whether a conformance vector notices.
 
 python tools/proof/mutants.py [--module NAME ...] [--only PART ...] [--every N | --sample N [--seed S]] [--jobs N] [--seconds S]
                         [--state FILE.jsonl] [--page docs/reports/mutants.md]
 
-A mutant has one operator, comparison, constant or condition of tests/naive changed. It is *killed* when a vector of conformance/
-is decoded to something else, refused otherwise, answers a query wrong, or takes too long. A *survivor* is a rule that no vector
-holds, or a change that means the same: tests/naive/equivalents.json says of which mutants this was shown, and why. --only takes
+A mutant has one operator, comparison, constant or condition of conformance/reference changed. It is *killed* when a vector is
+decoded to something else, refused otherwise, answers a query wrong, or takes too long. A *survivor* is a rule that no vector
+holds, or a change that means the same: equivalents.json there says of which mutants this was shown, and why. --only takes
 functions (split, neural.waves) and clauses (7.6, with all below). --state keeps what was found, so that a run goes on where it
 was stopped, with what vectors call beside it (FILE.cases.json). Exit code 7: there are survivors that are not said to be
 equivalent.
@@ -36,7 +36,7 @@ if str(REPOSITORY) not in sys.path:  # run as a command
 from conformance import run as runner  # noqa: E402
 from tools.bench.provenance import made_on  # noqa: E402
 
-VECTORS, NAIVE = REPOSITORY / "conformance", REPOSITORY / "tests" / "naive"
+VECTORS, NAIVE = REPOSITORY / "conformance", REPOSITORY / "conformance" / "reference"
 EQUIVALENTS = NAIVE / "equivalents.json"
 MODULES = ("attributes", "bits", "dct", "decoder", "edges", "filter", "following", "materials", "mixing", "neural", "normals",
            "planar", "queries", "residual", "scales", "syntax", "texels", "voxels")
@@ -83,7 +83,7 @@ class Mutant:
 
 
 def source_of(module):
-    """The syntax tree of a module of tests/naive."""
+    """The syntax tree of a module of conformance/reference."""
     return ast.parse((NAIVE / f"{module}.py").read_text(encoding="utf-8"))
 
 
@@ -137,7 +137,7 @@ class _Changer(ast.NodeTransformer):
 
 
 def mutants_of(module):
-    """Every Mutant of a module of tests/naive."""
+    """Every Mutant of a module of conformance/reference."""
     changer, tree, turns, out = _Changer(), source_of(module), Counter(), []
     left_out = {node.lineno for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in TOLERANCES}
     changer.visit(tree)
@@ -164,10 +164,10 @@ def changed_code(mutant):
 
 
 class _Importer(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Gives the changed module wherever naive asks for it."""
+    """Gives the changed module wherever it is imported."""
 
     def __init__(self, mutant):
-        self.name, self.code = f"naive.{mutant.module}", changed_code(mutant)
+        self.name, self.code = f"conformance.reference.{mutant.module}", changed_code(mutant)
 
     def find_spec(self, name, path=None, target=None):
         return importlib.util.spec_from_loader(name, self) if name == self.name else None
@@ -213,15 +213,15 @@ def cases_of():
 def answer(case):
     """What the naive decoder that is loaded makes of a case: array hashes, or the name of its refusal. What else is raised is a
     wrong answer, whatever it is."""
-    from naive import decoder
-    from naive.bits import Invalid, Unsupported
+    from conformance.reference import decoder
+    from conformance.reference.bits import Invalid, Unsupported
 
     queries = case.told["lods"].get(str(case.lod), []) if case.told else []
     try:
         texf = decoder.decode(case.data, case.lod)
         files, faults = decoder.arrays(texf), []
         if queries:
-            from naive.queries import answer_files, read_queries
+            from conformance.reference.queries import answer_files, read_queries
 
             answers = answer_files(texf, read_queries(runner.packed(queries)))
             faults = runner.faults_of_answers({f"{name}.bin": content for name, content in answers.items()}, queries, case.told)
@@ -290,7 +290,7 @@ def _try_cases(mutant, cases, writing):
     """In the child: writes the name of every case before it is tried, "survived" after the last."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     try:
-        for name in [name for name in sys.modules if name.split(".")[0] == "naive"]:
+        for name in [name for name in sys.modules if name.startswith("conformance.reference")]:
             del sys.modules[name]
         sys.meta_path.insert(0, _Importer(mutant))
         for case in cases:
@@ -329,8 +329,9 @@ def page_of(found, equivalents, told=""):
     share = settled / max(len(found), 1)
     change = lambda m: " -> ".join("`" + text.replace("|", "\\|") + "`" for text in (m.before, m.after))
     clauses = lambda m: clauses_of(m.module).get(m.function, ["none named"])
-    out = ["# Mutants of the naive decoder", "", f"Made by `make mutants` (tools/proof/mutants.py) {made_on()}: one rule of "
-           "tests/naive changed at a time, every conformance vector that runs the line asked.", "", *([told, ""] if told else []),
+    out = ["# Mutants of the reference decoder", "", f"Made by `make mutants` (tools/proof/mutants.py) {made_on()}: one rule of "
+           "conformance/reference changed at a time, tried on every vector that runs the line.", "",
+           *([told, ""] if told else []),
            f"{len(found)} mutants, {settled} killed or equivalent ({share:.1%}), {len(survivors)} survivors.", "",
            "| module | statements | mutants | killed | equivalent | survivors |", "|---|---:|---:|---:|---:|---:|"]
     for module in dict.fromkeys(m.module for m in found):
@@ -340,7 +341,7 @@ def page_of(found, equivalents, told=""):
         out.append(f"| {module} | {statements} | {len(own)} | {dead} | {same} | {len(own) - dead - same} |")
     if survivors:
         out += ["", "## Survivors", "", "| place | rule | clause | change |", "|---|---|---|---|"]
-        out += [f"| tests/naive/{m.module}.py:{m.line} | {m.function} | {', '.join(clauses(m))} | {change(m)} |"
+        out += [f"| conformance/reference/{m.module}.py:{m.line} | {m.function} | {', '.join(clauses(m))} | {change(m)} |"
                 for m in survivors]
     out += ["", "## Equivalent", "", "| rule | change | why nothing changes |", "|---|---|---|"]
     out += [f"| {m.module}.{m.function} | {change(m)} | {equivalents[m.name]} |"

@@ -197,7 +197,7 @@ peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM
 print(json.dumps({{"code": code, "peak": 1024 * int(peak.split()[1])}}))"""
 DECODER = "__import__('texfcodec.cli.dec').cli.dec"
 BASELINES = {"Python alone": "0", "with numpy and numba": "__import__('numpy') and __import__('numba') and 0",
-             "with the whole decoder": f"{DECODER} and 0"}
+             "with the whole decoder": f"__import__('texfcodec.decoder') and {DECODER} and 0"}
 
 
 def _refused_in_forks():

@@ -121,7 +121,7 @@ neural: install
 # How far off hard cases can get: make stability [SECONDS=5] [CASE="name"] [MOST=1] [STATE=file.jsonl] [PAGE=docs/reports/stability.md]
 stability: install
 	"$(PY)" -m pip install --quiet --disable-pip-version-check --editable ".[plots]"
-	$(PY) tools/proof/stability --seconds $(or $(SECONDS),5) $(if $(CASE),--case "$(CASE)") $(if $(MOST),--most) $(if $(STATE),--state "$(STATE)") $(if $(PAGE),--page "$(PAGE)")
+	$(PY) tools/proof/stability.py --seconds $(or $(SECONDS),5) $(if $(CASE),--case "$(CASE)") $(if $(MOST),--most) $(if $(STATE),--state "$(STATE)") $(if $(PAGE),--page "$(PAGE)")
 
 # Streams and decoded arrays over threads, versions, processors, locales and folders, a Markdown table:
 # make determinism [ASSETS=folder] [ENVIRONMENTS=1] [PYTHONS="file ..."] [OUT=folder] [PAGE=docs/reports/determinism.md]
@@ -140,12 +140,12 @@ kinds: install
 
 # Six assets by three.js and by our renderer, a Markdown table: make three ASSETS=folder [ALIKE=all] [OUT=folder]
 three: install
-	$(PY) tools/proof/three_check.py "$(ASSETS)" $(foreach name,$(ALIKE),--alike $(name)) --out "$(or $(OUT),out/three)"
+	$(PY) tools/proof/three_check.py --assets "$(ASSETS)" $(foreach name,$(ALIKE),--alike $(name)) --out "$(or $(OUT),out/three)"
 
 # Memory over 500 calls, 8 processes at once, a batch with faults, memory of refused files, many faces, tasks of a Dask cluster:
 # make load [PART="slope ..."] [LARGE=1] [OUT=folder] [PAGE=docs/reports/load.md]
 load: install
-	$(PY) tools/proof/load.py $(foreach p,$(PART),--part $(p)) $(if $(LARGE),--large) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
+	$(PY) tests/load/run.py $(foreach p,$(PART),--part $(p)) $(if $(LARGE),--large) --out "$(or $(OUT),out/load)" $(if $(PAGE),--page "$(PAGE)")
 
 # Fuzz targets of the decoder and the loaders: make fuzz [SECONDS=20] [TARGET="name ..."] [OUT=folder] [PAGE=docs/reports/fuzzing.md]
 fuzz: install

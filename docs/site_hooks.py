@@ -67,8 +67,8 @@ def _make(mesh, path):
     if mesh == VASE:
         _run("texfcodec.demo.asset", path)
         return
-    sys.path.insert(0, str(REPOSITORY))
-    from tools.proof.face_meshes import GENERATORS, glb_of
+    sys.path.insert(0, str(REPOSITORY / "tests"))
+    from load.meshes import GENERATORS, glb_of
 
     path.write_bytes(glb_of(GENERATORS[mesh](FACES)))
 

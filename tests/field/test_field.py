@@ -1,7 +1,5 @@
 """The field room: every kernel against its oracle on random and extreme input."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +8,7 @@ from shapes import painted_sphere, scene_of, sphere
 
 from oracles import kernels as oracles
 from texfcodec import EncodeOptions, InputError, decode
-from texfcodec.core.integer import _isqrt, _ones
+from texfcodec.core.integer import _ones
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.encoder.place.contacts import (
     colour_pieces,
@@ -64,20 +62,7 @@ def test_morton_order_of_the_extreme_voxels():
     assert encode_morton(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [8191] * 3])).tolist() == [0, 1, 2, 4, 8**13 - 1]
 
 
-# Integer roots and areas
-
-
-@settings(deadline=None, max_examples=300)
-@given(st.integers(0, (1 << 31) - 1), st.integers(-2, 2))
-def test_isqrt_is_exact_around_every_square(root, off):
-    value = min(max(root * root + off, 0), (1 << 62) - 1)
-    assert _isqrt(value) == math.isqrt(value)
-
-
-@settings(deadline=None, max_examples=200)
-@given(st.integers(0, (1 << 62) - 1))
-def test_isqrt_is_exact_below_2_to_62(value):
-    assert _isqrt(value) == math.isqrt(value)
+# Areas
 
 
 EDGE = st.one_of(st.integers(-(1 << 29), 1 << 29), st.integers(-3, 3), st.sampled_from([-(1 << 29), 1 << 29]))

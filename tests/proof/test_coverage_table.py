@@ -6,7 +6,6 @@ from functools import partial
 import pytest
 
 from tools.proof import coverage_table
-from tools.proof.coverage_page import page_of
 from tools.proof.coverage_table import (
     LEAST,
     REASONS,
@@ -18,6 +17,7 @@ from tools.proof.coverage_table import (
     counted,
     file_of,
     measured,
+    page_of,
     run_part,
     settings,
     share_of,

@@ -15,8 +15,8 @@ from texfcodec.encoder.encode import encode_scene
 from texfcodec.field import voxelise as voxelise_room
 from texfcodec.options import DecodeOptions, EncodeOptions
 from tools.proof import determinism
+from tools.proof.determinism import ARRAYS, FAILS, NOT_RUN, SAME, STREAM, verdicts_of
 from tools.proof.determinism_child import fingerprint
-from tools.proof.determinism_page import ARRAYS, FAILS, NOT_RUN, SAME, STREAM, verdicts_of
 
 
 @pytest.fixture
@@ -151,7 +151,7 @@ def test_a_configuration_that_is_not_what_it_says_is_not_run(tmp_path):
     args = type("Arguments", (), {"out": tmp_path, "environments": False, "python": []})
     run = determinism.run(lie, determinism.cases_of(None, True)[:1], args, {})
     assert not run.rows and run.reason == "decimal point is '.', not ';'"
-    environment = next(one for one in determinism.CONFIGURATIONS if one.environment)
+    environment = next(one for one in determinism.CONFIGURATIONS if one.python)
     assert "--environments" in determinism.run(environment, determinism.cases_of(None, True)[:1], args, {}).reason
 
 

@@ -1,19 +1,15 @@
-"""The table of tools/proof/stability: every case holds its bound, the page agrees with the table, and a broken bound is seen."""
+"""tools/proof/stability.py: the page has the cases of the rooms, the search finds the worst, a broken bound is seen."""
 
 import math
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bounds import Case, Draws, value_of, worst_of
 
-from tools.proof.stability import __main__ as command
-from tools.proof.stability.case import Case, Draws, value_of, worst_of
-from tools.proof.stability.page import bound_of, page_of, row_of, rows_of
-from tools.proof.stability.table import CASES, GROUPS
+from tools.proof import stability as command
+from tools.proof.stability import CASES, GROUPS, bound_of, page_of, row_of, rows_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PAGE = REPOSITORY / "docs" / "reports" / "stability.md"
@@ -21,15 +17,8 @@ PLANTED = Case("planted", "none", "a peak that seeds do not meet", 0.5, "of the 
                lambda draw: math.exp(-40 * sum((draw.unit() - at) ** 2 for at in (0.731, 0.212, 0.645))))
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_no_trial_of_a_case_is_worse_than_its_bound(name):
-    case = CASES[name]
-    worst = worst_of(case, trials=case.seeds)
-    assert worst.value <= case.bound, f"{bound_of(case)}, {worst}"
-
-
 def test_cases_are_told_apart_and_say_why_they_hold():
-    rooms = [case for case in CASES.values() if case.why and case.stresses and case.unit and case.seeds]
+    rooms = [case for case in CASES.values() if case.why and case.stress and case.unit and case.seeds]
     assert len(rooms) == len(CASES) > 25 and all("|" not in case.name for case in rooms)
     assert all(math.isfinite(case.bound) for case in rooms) and len(GROUPS) > 5
 
@@ -39,7 +28,7 @@ def test_the_page_has_the_tables_cases_with_their_bounds_and_none_broken():
     rows = rows_of(page)
     assert {name: bound for name, (bound, _) in rows.items()} == {name: bound_of(case) for name, case in CASES.items()}
     assert all(worst <= CASES[name].bound * (1 + 1e-9) for name, (_, worst) in rows.items())
-    assert all(f"- **{case.name}** ({case.stresses}). {case.why}\n" in page for case in CASES.values())
+    assert all(f"- **{case.name}** ({case.stress}). {case.why}\n" in page for case in CASES.values())
 
 
 def test_the_page_has_a_row_and_a_reason_for_what_was_found():
@@ -95,11 +84,3 @@ def test_draws_stay_in_their_range_at_the_ends(answer):
     draw = Draws(np.random.default_rng(0), [answer] * 40)
     assert 3 <= draw.integer(3, 9) <= 9 and draw.pick("abc") in "abc" and -2 <= draw.real(-2, 5) <= 5
     assert set(draw.integers((2, 3), -1, 1).ravel()) <= {-1, 0, 1} and draw.reals((2,), 0, 1).max() <= 1
-
-
-def test_the_command_is_called_as_a_folder_from_anywhere_and_as_a_module(tmp_path):
-    bare = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    for words, folder in (([REPOSITORY / "tools/proof/stability"], tmp_path), (["-m", "tools.proof.stability"], REPOSITORY)):
-        line = [sys.executable, *words, "--help"]
-        run = subprocess.run(line, cwd=folder, env=bare, capture_output=True, text=True, check=False)
-        assert run.returncode == 0 and run.stdout.startswith("usage: stability"), run.stderr

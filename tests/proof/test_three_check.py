@@ -75,12 +75,12 @@ def test_pixels_count_that_both_cover_and_all_samples_of_a_pixel_do():
     white, black = np.full((4, 4, 3), 255, np.uint8), np.zeros((4, 4, 3), np.uint8)
     whole, half = np.ones((4, 4), bool), np.arange(16).reshape(4, 4) < 8
     one, other = Shown([white], [whole]), Shown([np.where(half[..., None], white - 10, black)], [half])
-    psnr, share = agreement(one, other)
-    assert psnr == pytest.approx(20 * np.log10(25.5), abs=1e-6) and share == 0.5
-    assert agreement(one, one) == (np.inf, 1.0)
+    psnr, _, share, far = agreement(one, other)
+    assert psnr == pytest.approx(20 * np.log10(25.5), abs=1e-6) and (share, far) == (0.5, 1.0)
+    assert agreement(one, one) == (np.inf, np.inf, 1.0, 0.0)
     averaged, covered = Shown([], []), half.copy()
     covered[0, 0] = False
-    three_check._add(averaged, np.where(half[..., None], white, black), covered, 2)
+    averaged.add(np.where(half[..., None], white, black), covered, 2)
     assert averaged.images[0][..., 0].tolist() == [[255, 255], [0, 0]]
     assert averaged.covered[0].tolist() == [[False, True], [False, False]]
 
@@ -89,7 +89,7 @@ def test_our_side_is_what_texf_eval_shaded_compares(tmp_path):
     scenes = [load(ball(tmp_path / f"{n}.glb", roughness)) for n, roughness in enumerate((0.3, 0.5))]
     look, cameras = Look(environment=DAYLIGHT), cameras_of(scenes[0], 3, 96)
     wanted = compare_views(*scenes, views=3, size=96, look=look)
-    got, _ = agreement(*(ours(scene, cameras, look) for scene in scenes))
+    _, got, _, _ = agreement(*(ours(scene, cameras, look) for scene in scenes))
     assert got == pytest.approx(wanted["psnr"]["y"], abs=1e-9)
 
 
@@ -102,7 +102,7 @@ def test_raw_pictures_are_read_from_below(tmp_path):
 
 
 def test_the_command_line_takes_all_that_is_alike_at_once_and_needs_something_to_draw(capsys):
-    assert arguments_of(["assets", "--alike", "all"]).alike == list(three_check.ALIKE)
+    assert arguments_of(["--assets", "assets", "--alike", "all"]).alike == list(three_check.ALIKE)
     with pytest.raises(SystemExit):
         arguments_of([])
     assert "pairs" in capsys.readouterr().err

@@ -1,6 +1,5 @@
 """The npm package in Chromium: vectors through its workers, and the loader on bad downloads; left out where no browser is."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -13,6 +12,7 @@ from shapes import mapped_sheet
 from texfcodec import EncodeOptions, decode
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.io.save import save
+from tools.proof import three_check
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NODE, BROWSER = shutil.which("node"), os.environ.get("CHROMIUM") or shutil.which("chromium")
@@ -20,30 +20,30 @@ MODULES = all((REPOSITORY / "js/node_modules" / name).is_dir() for name in ("thr
 pytestmark = pytest.mark.skipif(not (NODE and BROWSER and MODULES), reason="no node, no Chromium or no js/node_modules")
 
 
-def run_in_chromium(script, *words):
-    call, environment = [NODE, f"../proof/chromium/{script}", *words], os.environ | {"CHROMIUM": BROWSER}
+def run_in_chromium(mode, *words):
+    call, environment = [NODE, "../tools/proof/chromium.mjs", mode, *words], os.environ | {"CHROMIUM": BROWSER}
     return subprocess.run(call, cwd=REPOSITORY / "js", env=environment, capture_output=True, text=True, timeout=300)
 
 
 def test_vectors_go_through_the_workers_under_a_narrow_policy():
-    run = run_in_chromium("vectors.mjs", "subset/k33", "uncommon/normals_coded", "faulty/version")
-    assert run.returncode == 0 and " 0 failed" in run.stdout and " 0 console messages" in run.stdout, run.stdout + run.stderr
+    run = run_in_chromium("vectors", "subset/k33", "uncommon/normals_coded", "faulty/version")
+    assert run.returncode == 0 and " 0 failed" in run.stdout and "ok   nothing else" in run.stdout, run.stdout + run.stderr
 
 
 def test_the_loader_refuses_says_and_leaves_nothing():
-    run = run_in_chromium("loader.mjs")
+    run = run_in_chromium("loader")
     assert run.returncode == 0 and run.stdout.count("ok  ") >= 18, run.stdout + run.stderr
 
 
-def test_saturated_texels_are_filtered_in_linear_light_as_those_of_the_decoded_glb(tmp_path):
+def test_saturated_texels_are_filtered_in_linear_light_as_those_of_the_decoded_glb(tmp_path, monkeypatch, capsys):
     y, x = np.mgrid[:32, :32]
     colours = np.array([[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [255, 255, 0, 255]], np.uint8)
     scene = mapped_sheet({}, colours[(x // 2 + y // 2) % 2 + 2 * (x > 15)], span=3.0, unlit=True, double_sided=True)
     data = encode_scene(scene, EncodeOptions(support="texels", max_error=0)).data
     (tmp_path / "checker.texf").write_bytes(data)
     save(decode(data), tmp_path / "checker.glb", texture_format="png")
-    environment = os.environ | {"CHROMIUM": BROWSER}
-    run = subprocess.run([NODE, "../proof/texf_three.mjs", tmp_path, "checker"], cwd=REPOSITORY / "js", env=environment,
-                         capture_output=True, text=True, timeout=300)
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert json.loads(run.stdout.splitlines()[0])["psnr"] > 32, run.stdout
+    monkeypatch.setenv("CHROMIUM", BROWSER)
+    assert three_check.main(["--pair", str(tmp_path / "checker.texf"), str(tmp_path / "checker.glb"), "--views", "1", "--modules",
+                             str(REPOSITORY / "js"), "--out", str(tmp_path / "out")]) == 0
+    cells = [cell.strip() for cell in capsys.readouterr().out.splitlines()[-1].split("|")]
+    assert float(cells[3].split()[0]) > 32, cells

@@ -8,7 +8,8 @@ from texfcodec.options import default_threads
 from tools.bench.jobs import REPOSITORY
 
 # What figures depend on
-SOURCES = "texfcodec", "tools/bench/*.py", "tools/proof/*.py", "conformance/reference", "tests/oracles", "tests/fuzz"
+SOURCES = ("texfcodec", "tools/bench/*.py", "tools/proof/*.py", "conformance/reference", "tests/oracles", "tests/fuzz",
+           "tests/load")
 
 
 def made_on(root=REPOSITORY):

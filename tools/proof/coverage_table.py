@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,7 +28,8 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 if str(REPOSITORY) not in sys.path:  # run as a command
     sys.path.insert(0, str(REPOSITORY))
 
-from tools.proof.coverage_page import page_of  # noqa: E402
+from tools.bench.provenance import made_on  # noqa: E402
+from tools.bench.result_tables import markdown_table, wrapped  # noqa: E402
 
 EXIT_DIFFERS = 7
 LEAST = 98.0  # per cent of the branches
@@ -45,49 +47,11 @@ except SystemExit as ended:
     assert ended.code == 0
 open(sys.argv[1], "w").write(json.dumps([name for name in sys.modules if name.partition(".")[0] == "texfcodec"]))
 """
-SECONDS = "seconds.json"
 JIT_OFF, JIT_ON = {"NUMBA_DISABLE_JIT": "1"}, {"NUMBA_DISABLE_JIT": "0"}
 PYTEST = ("-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider",
           "--deselect", "tests/cli/test_cli.py::test_info_is_quick_and_knows_no_numba",  # traced, it is not quick
           "--deselect", "tests/repository/test_api.py::test_editors_see_every_public_name_with_its_type")  # keeps a cache
-# Tests of kernels, both sides, that are quick in plain Python
-PLAIN = (
-    "tiny_fields", "tiny_surfaces", "geometry", "shading_normals::test_a_cube_keeps_its_edges",
-    "shading_normals::test_a_ball_is_smooth_to_two_degrees_also_across_duplicated_vertices",
-    "shading_normals::test_normals_have_length_one_whatever_the_faces", "shading_normals::test_a_joined_rule_goes_round_a_prism",
-    "shading_normals::test_edges_that_nothing_shares_have_no_fold", "neural_cli::test_a_fit_is_told_in_lines",
-    "raht::test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain",
-    "raht::test_an_encoder_that_runs_out_of_room_says_so",
-    "field::test_no_faces_touch_no_voxels", "field::test_voxelise_refuses_faces_outside_the_vertex_list",
-    "texels::test_asked_texels_of_points_and_lines", "texels::test_limit_is_kept_before_keys_are_made",
-    "texels::test_a_point_is_taken_to_the_nearest_place_of_its_face",
-    "neural_oracle::test_a_position_outside_the_cube_is_no_question",
-    "bake::test_values_stay_in_range_where_the_least_squares_would_leave_it",
-    "bake::test_weighted_fit_agrees_with_a_dense_least_squares_solution",
-    "bake::test_faces_without_area_and_meshes_without_faces_bake",
-    "bake::test_gutters_show_what_lies_beyond_the_border", "bake::test_gutters_do_not_show_what_lies_around_a_sharp_edge",
-    "bake::test_gaps_keep_what_is_known", "bake::test_a_bent_normal_is_told_along_the_tangents_of_its_face",
-    "planar::test_dct_blocks_decode_as_by_the_naive_decoder[2-8-3-0]", "atlas::test_gaps_are_filled_with_what_mip_levels_average",
-    "atlas::test_cover_agrees_with_brute_force")
-# Tests of the Python around them: units, their checks, the child process, the command, files that are written, and those that are
-# read, because a format's reader stands beside its writer and texf-dec takes a stream out of a GLB
-COMPILED = ("api", "appearance", "atlas", "bake", "bitstream", "carried_stream", "cli", "codecs", "compile_beside",
-            "completion", "constant", "corruption", "effects", "enc_batch", "field", "findings", "formats", "geometry", "gltf",
-            "gltf_left_out", "gltf_skin", "image_limits", "interrupts", "invisible", "isolate", "joint_lattice", "kernel",
-            "ktx2", "levels", "limited_process", "loaded_normals", "lossless", "maps", "materials_back", "meshopt",
-            "material_choice", "neural_cli", "neural_fit", "neural_oracle", "neural_stream", "obj_ply", "options", "outputs",
-            "plugin_faults", "polygons", "psnr_3d", "queries", "rate_control", "reports", "sample_asset", "save",
-            "save_formats", "save_texels", "shading_normals", "tangents", "texel_fields", "texels", "trimesh_files",
-            "validate", "wasm", "threads::test_with_one_thread_it_is_made_when_it_is_asked_for",
-            "hard_cases::test_a_single_point_is_refused_or_an_empty_stream",
-            "hard_cases::test_metadata_over_the_limit_are_left_out_with_a_remark", "render::test_wrong_choices_are_exit_1",
-            "way_back::test_an_output_written_twice_replaces_what_it_came_with",
-            "way_back::test_a_strangers_file_beside_the_output_stays",
-            "way_back::test_alpha_that_hides_nothing_leaves_as_opaque_and_is_named",
-            "way_back::test_attributes_take_the_smallest_type_that_is_exact",
-            "way_back::test_materials_with_and_without_images_share_a_file",
-            "flat_uvs::test_the_map_goes_into_the_shading_normals_where_uvs_make_no_frame",
-            "house::test_a_name_that_the_package_does_not_have_is_an_attribute_error")
+TESTS = tomllib.loads(Path(__file__).with_name("coverage_parts.toml").read_text(encoding="utf-8"))  # of the parts
 
 
 @dataclass(frozen=True)
@@ -100,15 +64,11 @@ class Part:
     told: str
 
 
-def _room_of(file):
-    """The room of tests/ that a file of tests stands in."""
-    return next(REPOSITORY.glob(f"tests/*/test_{file}.py")).parent.name
-
-
 def tests_of(chosen):
     """Arguments of the interpreter that run quick tests: "file" or "file::test" of tests/test_file.py."""
     parts = [name.partition("::") for name in chosen]
-    return (*PYTEST, *(f"tests/{_room_of(file)}/test_{file}.py{between}{test}" for file, between, test in parts))
+    path = lambda file: next(REPOSITORY.glob(f"tests/*/test_{file}.py")).relative_to(REPOSITORY).as_posix()
+    return (*PYTEST, *(f"{path(file)}{between}{test}" for file, between, test in parts))
 
 
 def told_of(chosen):
@@ -118,8 +78,8 @@ def told_of(chosen):
 
 PARTS = (
     Part("conformance", ("conformance/run.py",), JIT_OFF, "every vector, at every level of detail, with its queries; no JIT"),
-    Part("plain", tests_of(PLAIN), JIT_OFF, told_of(PLAIN) + "; no JIT"),
-    Part("compiled", tests_of(COMPILED), JIT_ON, told_of(COMPILED) + "; with the JIT"),
+    Part("plain", tests_of(TESTS["plain"]), JIT_OFF, told_of(TESTS["plain"]) + "; no JIT"),
+    Part("compiled", tests_of(TESTS["compiled"]), JIT_ON, told_of(TESTS["compiled"]) + "; with the JIT"),
     Part("warmup", ("-m", "texfcodec.cli.enc", "--warmup"), JIT_ON, "`texf-enc --warmup`"),
 )
 
@@ -235,6 +195,39 @@ def complaints(modules, reasons):
     return found + ([f"{share:.2f} % of the branches are taken, less than {LEAST} %"] if share < LEAST else [])
 
 
+# The page
+
+INTRODUCTION = (
+    "How much of the decoder its tests and vectors run. Measured are whole files: every module of the package that a fresh "
+    "interpreter holds after `texf-dec` has decoded a vector of each kind to each kind of file, alone and in a child process. "
+    "What encodes stands beside what decodes in the same files, and counts as well; only blocks for the type checker (`if "
+    "TYPE_CHECKING`) do not. A branch is a way out of an `if`, `for` or `while`; a condition inside one line (`a if b else c`, "
+    "`and`, `or`) is none.")
+KERNELS = (
+    "A compiled kernel cannot be watched: what runs with the JIT counts for the Python around the kernels alone, and the "
+    "branches of kernels are those that plain Python takes.")
+
+
+def page_of(modules, reasons, runs):
+    """docs/reports/coverage.md. modules: Module; reasons: {key: why}; runs: (Part, seconds)."""
+    statements, branches, missed = (sum(found) for found in zip(*((m.statements, m.branches, len(m.missed)) for m in modules),
+                                                                 strict=True))
+    share = f"{100 * (branches - missed) / max(branches, 1):.2f} %"
+    rows = [[m.name, m.statements, m.branches, len(m.missed),
+             f"{100 * (m.branches - len(m.missed)) / m.branches:.1f} %" if m.branches else ""] for m in modules]
+    left = [[f"{m.name}:{branch.line}", branch.function, f"`{branch.text}`", f"`{branch.goal}`",
+             reasons.get(branch.key_in(m.name), "**no reason given**")] for m in modules for branch in m.missed]
+    out = ["# Branches of the decoder", "", f"Made by `make coverage` (tools/proof/coverage_table.py). {INTRODUCTION}", "",
+           f"**{branches - missed} of {branches} branches are taken, {share}**, in {len(modules)} modules of {statements} "
+           f"statements; the other {missed} are named below. {KERNELS}", "", "## What runs", "",
+           *markdown_table(["part", "what", "seconds"], [[p.name, p.told, f"{seconds:.0f}"] for p, seconds in runs], 2), "",
+           f"Made {made_on()}; other work may have shared the processor.", "", "## By module", "",
+           *markdown_table(["module", "statements", "branches", "not taken", "taken"],
+                           [*rows, ["all", statements, branches, missed, share]]), "",
+           "## Branches not taken", "", *markdown_table(["line", "function", "at", "never goes to", "why"], left, 5)]
+    return "\n".join(wrapped(out)) + "\n"
+
+
 def _arguments(arguments):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--part", action="append", choices=[part.name for part in PARTS], help="run this part alone (repeatable)")
@@ -244,25 +237,20 @@ def _arguments(arguments):
     return parser.parse_args(arguments)
 
 
-def seconds_in(folder):
-    """{part: seconds} of what earlier runs left in a folder."""
-    file = folder / SECONDS
-    return json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-
-
 def main(arguments=None):
     """Command line of the tool."""
     args = _arguments(arguments)
     if not args.keep:
         shutil.rmtree(args.out / "data", ignore_errors=True)
     rc, modules = settings(args.out), modules_of_a_decode()
-    spent, failed = seconds_in(args.out) if args.keep else {}, []
+    times, failed = args.out / "seconds.json", []
+    spent = json.loads(times.read_text(encoding="utf-8")) if args.keep and times.exists() else {}
     for part in PARTS:
         if args.part is None or part.name in args.part:
             code, spent[part.name] = run_part(part, rc)
             failed += [f"{part.name} ends with {code}"] if code else []
             print(f"{part.name}: {spent[part.name]:.0f} s", flush=True)
-    (args.out / SECONDS).write_text(json.dumps(spent), encoding="utf-8")
+    times.write_text(json.dumps(spent), encoding="utf-8")
     reasons = json.loads(REASONS.read_text(encoding="utf-8"))
     found = measured(rc, modules)
     if args.page:

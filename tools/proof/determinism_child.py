@@ -1,19 +1,21 @@
 """What tools/proof/determinism.py runs under each configuration: it codes and decodes what it is told, and says what comes out.
 
-python tools/proof/determinism_child.py < job.json, where the job is {"threads", "cases": [{"name", "source", "options", "decode",
-"stream", "keep"}]}: source a mesh file, the name of a scene of SCENES, or null where nothing is coded; decode further
-DecodeOptions; stream the file that is decoded, null for the stream just made; keep where the coded stream is put. The first line
-of stdout holds facts() about the process, every further one a case: {"name", "stream", "bytes", "arrays", "seconds"} with SHA-256
-of the stream and of every decoded array, or {"name", "error"}. It runs in environments that hold no more than the package needs.
+python tools/proof/determinism_child.py < job.json, where the job is {"threads", "cases": [{"name", "source", "options", "stream",
+"keep"}]}: source a mesh file, the name of a scene of SCENES, or null where nothing is coded; stream the file that is decoded,
+null for the stream just made; keep where the coded stream is put. The first line of stdout holds facts() about the process, every
+further one a case: {"name", "stream", "bytes", "arrays", "seconds"} with SHA-256 of the stream and of every decoded array, or
+{"name", "error"}. It runs in environments that hold no more than the package needs.
 """
 
 import hashlib
+import importlib
 import json
 import locale
 import math
 import os
 import platform
 import re
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -33,20 +35,6 @@ COARSER = 2  # levels left out in the second decoding
 # What is coded
 
 
-def tiny_sphere():
-    """A sphere with vertex colours."""
-    from shapes import painted_sphere
-
-    return painted_sphere(3)
-
-
-def tiny_sheets():
-    """Two textured sheets that cross, one see-through, with metadata."""
-    from shapes import crossing_sheets
-
-    return crossing_sheets()
-
-
 def tiny_maps():
     """A wavy sheet with maps of normals, roughness and occlusion."""
     from shapes import mapped_sheet, noise, plain_image
@@ -55,14 +43,14 @@ def tiny_maps():
     return mapped_sheet(maps, noise(0, 8, 8), cells=3)
 
 
-def bundled_sample():
-    """The bundled sample, made by code from photographs."""
-    from texfcodec.demo.asset import make_sample
-
-    return make_sample()
+def from_shapes(name, *words):
+    """A scene that tests/shapes.py makes, which is imported only when it is needed."""
+    return lambda: getattr(importlib.import_module("shapes"), name)(*words)
 
 
-SCENES = {"tiny sphere": tiny_sphere, "tiny sheets": tiny_sheets, "tiny maps": tiny_maps, "sample": bundled_sample}
+# A sphere with vertex colours; two textured sheets that cross, one see-through, with metadata; the bundled sample
+SCENES = {"tiny sphere": from_shapes("painted_sphere", 3), "tiny sheets": from_shapes("crossing_sheets"), "tiny maps": tiny_maps,
+          "sample": lambda: importlib.import_module("texfcodec.demo.asset").make_sample()}
 
 
 # What comes out
@@ -103,7 +91,7 @@ def row_of(case, threads):
     if made is not None and case["keep"]:
         Path(case["keep"]).write_bytes(made)
     stream = made if case["stream"] is None else Path(case["stream"]).read_bytes()
-    whole, coarse = (decode(stream, DecodeOptions(threads=threads, **{"lod": lod, **case["decode"]})) for lod in (0, COARSER))
+    whole, coarse = (decode(stream, DecodeOptions(threads=threads, lod=lod)) for lod in (0, COARSER))
     arrays = fingerprint(whole) | {f"lod{COARSER}_{name}": told for name, told in fingerprint(coarse).items()}
     return {"name": case["name"], "stream": made and _sha256(made), "bytes": len(stream if made is None else made),
             "arrays": arrays | {"answers": answers(whole)}, "seconds": round(time.perf_counter() - begin, 2)}
@@ -116,36 +104,32 @@ def facts():
     """What a configuration may ask of its process, measured in it and not taken from the settings."""
     import numba
 
+    settled = subprocess.run([sys.executable, "-c", "print(hash('texfcodec'))"], env={**os.environ, "PYTHONHASHSEED": "0"},
+                             capture_output=True, check=True).stdout
     return {"python": platform.python_version(), "numpy": np.__version__, "numba": numba.__version__,
             "jit": not numba.config.DISABLE_JIT, "processor": numba.config.CPU_NAME or "this one", "wide": wide_places(),
             "libm": libm(), "decimal point": locale.localeconv()["decimal_point"], "offset to UTC": time.strftime("%z"),
             "UTF-8 mode": sys.flags.utf8_mode, "encoding": locale.getpreferredencoding(False),
-            "random hashes": hash("texfcodec") != _settled_hash(), "working folder": os.getcwd()}
+            "random hashes": hash("texfcodec") != int(settled), "working folder": os.getcwd()}
 
 
 def wide_places():
-    """Who still uses registers or operations of AVX2 and later: a list out of numpy, numba and BLAS."""
-    core = np._core if hasattr(np, "_core") else np.core
-    features = core._multiarray_umath.__cpu_features__
-    dispatched = core._multiarray_umath.__cpu_dispatch__
-    found = ["numpy"] if any(features.get(name) for name in dispatched if name.startswith(WIDE)) else []
-    found += ["numba"] if _compiles_wide() else []
-    return found + (["BLAS"] if any(name.lower().startswith(WIDE_CORES) for name in blas_cores()) else [])
+    """Which of numpy, numba and BLAS still use registers or operations of AVX2 and later."""
+    core = (np._core if hasattr(np, "_core") else np.core)._multiarray_umath
+    wide = {"numpy": any(core.__cpu_features__.get(name) for name in core.__cpu_dispatch__ if name.startswith(WIDE)),
+            "numba": _compiles_wide(), "BLAS": any(name.lower().startswith(WIDE_CORES) for name in blas_cores())}
+    return [name for name, is_so in wide.items() if is_so]
 
 
 def _compiles_wide():
-    """Whether numba makes code with 32-byte registers of a loop that asks for them."""
+    """Whether numba makes code with 32-byte registers of a loop that can use them."""
     import numba
 
     if numba.config.DISABLE_JIT:
         return False
-
-    @numba.njit
-    def _scaled(a):
-        return a * 2.5 + 1.0
-
-    _scaled(np.ones(64))
-    return any(re.search(r"%[yz]mm", text) for text in _scaled.inspect_asm().values())
+    scaled = numba.njit(lambda a: a * 2.5 + 1.0)
+    scaled(np.ones(64))
+    return any(re.search(r"%[yz]mm", text) for text in scaled.inspect_asm().values())
 
 
 def blas_cores():
@@ -154,14 +138,11 @@ def blas_cores():
 
     import scipy.linalg  # noqa: F401  # it brings a second one
 
-    maps = Path("/proc/self/maps")
-    names = set(re.findall(r"\S*openblas\S*\.so\S*", maps.read_text())) if maps.exists() else set()
-    found = set()
-    for library in map(ctypes.CDLL, sorted(names)):
-        for prefix in ("", "scipy_"):
-            for suffix in ("", "64_"):
-                ask = getattr(library, f"{prefix}openblas_get_corename{suffix}", None)
-                if ask is not None:
+    maps, found = Path("/proc/self/maps"), set()
+    for library in map(ctypes.CDLL, sorted(set(re.findall(r"\S*openblas\S*\.so\S*", maps.read_text() if maps.exists() else "")))):
+        for name in ("openblas_get_corename", "openblas_get_corename64_"):
+            for prefix in ("", "scipy_"):
+                if (ask := getattr(library, prefix + name, None)) is not None:
                     ask.restype = ctypes.c_char_p
                     found.add(ask().decode())
     return sorted(found)
@@ -172,14 +153,6 @@ def libm():
     angles = [0.37 + 0.00123 * i for i in range(20_000)]
     told = [f(x) for f in (math.sin, math.exp, math.log, lambda x: math.pow(x, 2.4)) for x in angles]
     return _sha256(np.array(told).tobytes())[:16]
-
-
-def _settled_hash():
-    """hash("texfcodec") of a Python with PYTHONHASHSEED=0, asked of one."""
-    import subprocess
-
-    program = [sys.executable, "-c", "print(hash('texfcodec'))"]
-    return int(subprocess.run(program, env={**os.environ, "PYTHONHASHSEED": "0"}, capture_output=True, check=True).stdout)
 
 
 def main():

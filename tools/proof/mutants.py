@@ -19,6 +19,7 @@ import importlib.util
 import json
 import os
 import random
+import re
 import signal
 import sys
 import time
@@ -33,9 +34,9 @@ if str(REPOSITORY) not in sys.path:  # run as a command
     sys.path.insert(0, str(REPOSITORY))
 
 from conformance import run as runner  # noqa: E402
-from tools.proof.mutants_page import NAIVE, clauses_of, page_of  # noqa: E402
+from tools.bench.provenance import made_on  # noqa: E402
 
-VECTORS = REPOSITORY / "conformance"
+VECTORS, NAIVE = REPOSITORY / "conformance", REPOSITORY / "conformance" / "reference"
 EQUIVALENTS = NAIVE / "equivalents.json"
 MODULES = ("attributes", "bits", "dct", "decoder", "edges", "filter", "following", "materials", "mixing", "neural", "normals",
            "planar", "queries", "residual", "scales", "syntax", "texels", "voxels")
@@ -81,6 +82,11 @@ class Mutant:
 # What is changed
 
 
+def source_of(module):
+    """The syntax tree of a module of conformance/reference."""
+    return ast.parse((NAIVE / f"{module}.py").read_text(encoding="utf-8"))
+
+
 def alternatives(node):
     """Other expressions that may stand in the place of a node, each a small mistake of somebody who writes a decoder."""
     if isinstance(node, ast.Constant) and type(node.value) is int:
@@ -115,8 +121,7 @@ class _Changer(ast.NodeTransformer):
         self.where.pop()
         return node
 
-    def visit_ClassDef(self, node):
-        return self.visit_FunctionDef(node)
+    visit_ClassDef = visit_FunctionDef
 
     def visit_JoinedStr(self, node):
         return node  # words to a person
@@ -133,7 +138,7 @@ class _Changer(ast.NodeTransformer):
 
 def mutants_of(module):
     """Every Mutant of a module of conformance/reference."""
-    changer, tree, turns, out = _Changer(), ast.parse((NAIVE / f"{module}.py").read_text(encoding="utf-8")), Counter(), []
+    changer, tree, turns, out = _Changer(), source_of(module), Counter(), []
     left_out = {node.lineno for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in TOLERANCES}
     changer.visit(tree)
     for found in changer.found:
@@ -147,14 +152,14 @@ def mutants_of(module):
 @cache
 def called_at_import(module):
     """Names that a module calls to make its constants: no case that finds the module loaded is seen to call them."""
-    statements = ast.parse((NAIVE / f"{module}.py").read_text(encoding="utf-8")).body
+    statements = source_of(module).body
     calls = [node for made in statements if isinstance(made, ast.Assign) for node in ast.walk(made) if isinstance(node, ast.Call)]
     return {node.func.id for node in calls if isinstance(node.func, ast.Name)}
 
 
 def changed_code(mutant):
     """The compiled module with the change."""
-    tree = _Changer(mutant.number).visit(ast.parse((NAIVE / f"{mutant.module}.py").read_text(encoding="utf-8")))
+    tree = _Changer(mutant.number).visit(source_of(mutant.module))
     return compile(ast.fix_missing_locations(tree), f"{mutant.module} changed", "exec")
 
 
@@ -231,21 +236,19 @@ def answer(case):
 
 def traced(case):
     """The case with its answer, its seconds and the functions that it calls; one that takes more than SLOWEST has none."""
-    called, folder = set(), str(NAIVE)
+    called, folder, begin = set(), str(NAIVE), time.process_time()
 
-    def note(frame, event, _):
-        if frame.f_code.co_filename.startswith(folder):
-            called.add(frame.f_code)
+    def stop(*_):
+        raise TimeoutError
 
-    signal.signal(signal.SIGPROF, _too_slow)
+    signal.signal(signal.SIGPROF, stop)
     signal.setitimer(signal.ITIMER_PROF, SLOWEST)
-    begin = time.process_time()
-    sys.settrace(note)
+    sys.settrace(lambda frame, *_: called.add(frame.f_code) if frame.f_code.co_filename.startswith(folder) else None)
     case.said = answer(case)
     sys.settrace(None)
     signal.setitimer(signal.ITIMER_PROF, 0)
-    case.seconds = time.process_time() - begin
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    case.seconds = time.process_time() - begin
     if case.said != "raised TimeoutError":
         case.functions = frozenset((Path(c.co_filename).stem, c.co_qualname.replace(".<locals>", "")) for c in called)
     return case
@@ -269,23 +272,17 @@ def known_cases(cases, path):
     return [case for case in cases if case.functions]
 
 
-def _too_slow(*_):
-    raise TimeoutError
-
-
 def killer_of(mutant, cases):
     """The name of the first case, the quickest first, that tells a mutant from the decoder; None for a survivor. In a process of
     its own, which may hang or fall."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        os.close(reading)
         _try_cases(mutant, cases, writing)
     os.close(writing)
     with os.fdopen(reading) as pipe:
-        said = pipe.read().splitlines()
+        *_, last = ["import", *pipe.read().splitlines()]
     os.waitpid(child, 0)
-    last = said[-1] if said else "import"
     return None if last == "survived" else last
 
 
@@ -306,6 +303,61 @@ def _try_cases(mutant, cases, writing):
         os._exit(0)
 
 
+# The page
+
+
+@cache
+def clauses_of(module):
+    """{function: the clauses that its docstring, or that of what it stands in, names} of a module."""
+    found = {}
+
+    def walk(node, place, outer):
+        clauses = re.findall(r"\d+(?:\.\d+)+|(?<=[Cc]lause )\d+", ast.get_docstring(node) or "") or outer
+        found[".".join(place)] = clauses
+        for part in node.body:
+            if isinstance(part, ast.FunctionDef | ast.ClassDef):
+                walk(part, [*place, part.name], clauses)
+
+    walk(source_of(module), [], [])
+    return found
+
+
+def page_of(found, equivalents, told=""):
+    """docs/reports/mutants.md. found: {Mutant: killer or None}; told: what was run, a sentence or more."""
+    survivors = [m for m, killer in found.items() if killer is None and m.name not in equivalents]
+    settled = len(found) - len(survivors)
+    share = settled / max(len(found), 1)
+    change = lambda m: " -> ".join("`" + text.replace("|", "\\|") + "`" for text in (m.before, m.after))
+    clauses = lambda m: clauses_of(m.module).get(m.function, ["none named"])
+    out = ["# Mutants of the reference decoder", "", f"Made by `make mutants` (tools/proof/mutants.py) {made_on()}: one rule of "
+           "conformance/reference changed at a time, tried on every vector that runs the line.", "",
+           *([told, ""] if told else []),
+           f"{len(found)} mutants, {settled} killed or equivalent ({share:.1%}), {len(survivors)} survivors.", "",
+           "| module | statements | mutants | killed | equivalent | survivors |", "|---|---:|---:|---:|---:|---:|"]
+    for module in dict.fromkeys(m.module for m in found):
+        own = [(m, killer) for m, killer in found.items() if m.module == module]
+        dead, same = sum(killer is not None for _, killer in own), sum(k is None and m.name in equivalents for m, k in own)
+        statements = sum(isinstance(node, ast.stmt) for node in ast.walk(source_of(module)))
+        out.append(f"| {module} | {statements} | {len(own)} | {dead} | {same} | {len(own) - dead - same} |")
+    if survivors:
+        out += ["", "## Survivors", "", "| place | rule | clause | change |", "|---|---|---|---|"]
+        out += [f"| conformance/reference/{m.module}.py:{m.line} | {m.function} | {', '.join(clauses(m))} | {change(m)} |"
+                for m in survivors]
+    out += ["", "## Equivalent", "", "| rule | change | why nothing changes |", "|---|---|---|"]
+    out += [f"| {m.module}.{m.function} | {change(m)} | {equivalents[m.name]} |"
+            for m, killer in found.items() if killer is None and m.name in equivalents]
+    out += ["", "## Which vector kills which rule", "", "The quickest that does, by clause; a vector may kill many more.", "",
+            "| clause | mutants killed | by |", "|---|---:|---|"]
+    killers = {}
+    for m, killer in found.items():
+        for clause in clauses(m) if killer else []:
+            killers.setdefault(clause, Counter())[killer] += 1
+    for clause in sorted(killers, key=lambda clause: [int(part) if part.isdigit() else 0 for part in clause.split(".")]):
+        names = ", ".join(f"{name} {count}" for name, count in killers[clause].most_common(6))
+        out.append(f"| {clause} | {killers[clause].total()} | {names} |")
+    return "\n".join(out) + "\n"
+
+
 # The run
 
 
@@ -318,15 +370,16 @@ def is_of(mutant, part):
 
 def _arguments(arguments):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--module", action="append", choices=MODULES, help="of these modules only; repeatable")
-    parser.add_argument("--only", action="append", metavar="PART", help="of this function or clause only; repeatable")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="every N-th mutant only")
-    parser.add_argument("--sample", type=int, metavar="N", help="so many, drawn at random")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the drawing (default 0)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
-    parser.add_argument("--seconds", type=float, default=0, metavar="S", help="begin no more mutants after so long")
-    parser.add_argument("--state", type=Path, metavar="FILE.jsonl", help="what was found: read first, then added to")
-    parser.add_argument("--page", type=Path, metavar="FILE.md")
+    add = parser.add_argument
+    add("--module", action="append", choices=MODULES, help="of these modules only; repeatable")
+    add("--only", action="append", metavar="PART", help="of this function or clause only; repeatable")
+    add("--every", type=int, default=1, metavar="N", help="every N-th mutant only")
+    add("--sample", type=int, metavar="N", help="so many, drawn at random")
+    add("--seed", type=int, default=0, metavar="S", help="of the drawing (default 0)")
+    add("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
+    add("--seconds", type=float, default=0, metavar="S", help="begin no more mutants after so long")
+    add("--state", type=Path, metavar="FILE.jsonl", help="the results: read first, then added to")
+    add("--page", type=Path, metavar="FILE.md")
     return parser.parse_args(arguments)
 
 
@@ -340,18 +393,13 @@ def wanted_mutants(args):
         f"A sample: {args.sample} of {len(found)} mutants, drawn at random with seed {args.seed}. {FITTED}")
 
 
-def known_of(state):
-    """{identity of a mutant: its row} of what earlier runs found."""
-    rows = map(json.loads, state.read_text(encoding="utf-8").splitlines()) if state and state.exists() else ()
-    return {tuple(row["mutant"]): row for row in rows}
-
-
 def main(arguments=None):
     """Command line of the tool."""
     args = _arguments(arguments)
     sys.path.insert(0, str(REPOSITORY / "tests"))
     wanted, chosen = wanted_mutants(args)
-    known, spent = known_of(args.state), {}
+    rows = map(json.loads, args.state.read_text(encoding="utf-8").splitlines()) if args.state and args.state.exists() else ()
+    known, spent = {tuple(row["mutant"]): row for row in rows}, {}
     equivalents = json.loads(EQUIVALENTS.read_text(encoding="utf-8")) if EQUIVALENTS.exists() else {}
     identity = lambda m: (m.module, m.number, m.key)
     traces = args.state.with_suffix(".cases.json") if args.state else None

@@ -5,7 +5,7 @@
 // "forward", "eye", "half", "depth"}]}}; paths are below root, where js/src stands if there are streams; "flat": streams show their base
 // colour without light. The sky's file is float32 RGBA, linear, from the nadir up. Writes
 // NAME-VIEW.rgba: colour over white, sRGB-coded, and how much of a pixel is covered, rows from below; and told.json: {"revision",
-// "files": {name: what the file's geometries and materials have}}.
+// "files": {name: what the file's geometries and materials have; of a stream also milliseconds to its coarse picture and the whole}}.
 
 import { readFile, writeFile } from 'node:fs/promises';
 import path from 'node:path';
@@ -102,10 +102,14 @@ function framed(mesh) {
     material.normalMap ??= FLAT;
   }
 }
-async function streamOf(url) {
+async function streamOf(url, told) {  // the second decoding is timed: workers are up then and the module is compiled
   const { decode, dispose } = await import('/cache/js/src/index.js'), { disposeGroup, groupOf } = await import('/cache/js/src/three.js');
   if (model) disposeGroup(model);
-  const asset = await decode(await (await fetch(url)).arrayBuffer());
+  const bytes = await (await fetch(url)).arrayBuffer();
+  await decode(bytes.slice());
+  const begin = performance.now(), ms = () => Math.round(performance.now() - begin);
+  const asset = await decode(bytes, { onLevel: () => { told.coarse_ms ??= ms(); } });
+  told.whole_ms = ms();
   dispose();
   if (job.flat) asset.materials.forEach((material) => { material.unlit = true; });
   return groupOf(asset);
@@ -114,9 +118,9 @@ window.load = async (file) => {
   if (model) scene.remove(model);
   const loader = new GLTFLoader().setDRACOLoader(draco).setMeshoptDecoder(MeshoptDecoder);
   const url = '/cache/' + file.split('/').map(encodeURIComponent).join('/');
-  model = file.endsWith('.texf') ? await streamOf(url) : (await loader.loadAsync(url)).scene;
-  scene.add(model);
   const told = { meshes: 0, tangents: 0, normals: 0, materials: {} };
+  model = file.endsWith('.texf') ? await streamOf(url, told) : (await loader.loadAsync(url)).scene;
+  scene.add(model);
   model.traverse((mesh) => {
     if (!mesh.isMesh) return;
     told.meshes += 1;

@@ -1,15 +1,16 @@
-"""texf-eval --shaded against three.js: both renderers draw sources and decoded meshes from the same cameras in the same light.
+"""texf-eval --shaded and TEXFLoader against three.js: both renderers draw the same files from the same cameras in the same light.
 
-python tools/proof/three_check.py ASSETS [--only NAME ...] [--rate R] [--pair SOURCE.glb DECODED.glb ...]
-        [--light daylight|sky|lights]
-                                   [--alike NAME ...] [--views N] [--size PIXELS] [--averaged N] [--mipmaps] [--pictures]
-                                   [--out FOLDER] [--modules FOLDER]
+python tools/proof/three_check.py [STREAM.texf ...] [--assets FOLDER [--only NAME ...] [--rate R]] [--pair SOURCE DECODED ...]
+        [--light daylight|sky|lights|flat] [--alike NAME ...] [--views N] [--size PIXELS] [--averaged N] [--mipmaps]
+        [--samples N] [--least DB] [--pictures] [--out FOLDER] [--modules FOLDER]
 
-ASSETS is a folder of GLB files, of which those in ASSETS_SHOWN are coded at the rate (into OUT, once) and decoded; --pair takes
-files as they are instead. three.js, playwright-core and a Chromium are needed (three_page.mjs); --modules names a folder with
-node_modules, else npm installs them into OUT. Materials, normals and tangents are three.js's own, as GLTFLoader makes them, but
-for what --alike names ("all": all of it). A Markdown table goes to stdout: PSNR Y between source and decoded mesh in either
-renderer, and between both renderers' pictures of either.
+--assets names a folder of GLB files, of which those in ASSETS_SHOWN are coded at the rate (into OUT, once) and decoded; --pair
+takes files as they are, GLB or .texf. three.js, playwright-core and a Chromium are needed (three_page.mjs); --modules names a
+folder with node_modules, else npm installs them into OUT. Materials, normals and tangents are three.js's own, as its loaders make
+them, but for what --alike names ("all": all of it). Markdown tables go to stdout. Of pairs: PSNR Y between source and decoded
+mesh in either renderer, and between both renderers' pictures of either. Of streams: PSNR between the renderers over the pixels of
+all views that both cover, and by --samples which of them is nearer to a picture of N x N samples a pixel by ours. Exits 7 where a
+stream has less than --least.
 """
 
 import argparse
@@ -26,7 +27,8 @@ import numpy as np
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from texfcodec.core.colour_error import ColourError, decibels, in_decibels
+from texfcodec import decode
+from texfcodec.core.colour_error import ColourError, in_decibels
 from texfcodec.io.load import load
 from texfcodec.metrics.views import Look, renderer
 from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
@@ -34,11 +36,12 @@ from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.shade import box_down
 from tools.proof.strangers.run import node_modules
 
-PAGE = Path(__file__).with_suffix(".mjs")
+PAGE, SOURCES = Path(__file__).with_suffix(".mjs"), Path(__file__).resolve().parents[2] / "js" / "src"
 ASSETS_SHOWN = ("damaged_helmet", "vintage_fan", "cat_webp", "waterbottle_pbr", "chess_board", "clearcoat_blend")
-RATE, VIEWS, SIZE, AVERAGED = "r04", 4, 512, 2
 SKY_SIZE = 1024, 512  # of the sky as a map; PMREMGenerator makes cubes of a quarter of its width
 ALIKE = ("roughness", "occlusion", "diffuse", "bounces", "mirror", "coat", "colours", "frames")
+PAIRS = ("asset", "ours: source, decoded", "three.js: source, decoded", "three.js less ours", "sources: ours, three.js",
+         "decoded: ours, three.js", "covered by both")
 
 
 @dataclass(frozen=True)
@@ -48,25 +51,31 @@ class Shown:
     images: list
     covered: list
 
+    def add(self, image, covered, averaged):
+        """Adds a view, `averaged` samples a side to a pixel, which counts as covered where all of them are."""
+        if averaged > 1:
+            blocks = covered.reshape(len(covered) // averaged, averaged, -1, averaged)
+            image, covered = box_down(image, averaged), blocks.all(axis=(1, 3))
+        self.images.append(image)
+        self.covered.append(covered)
+
 
 def light_of(name):
-    """The Environment that both renderers stand in: all of the daylight, its sky alone, or its lights alone. The lights have no
-    radius, as those of three.js have none."""
+    """The Environment that both renderers stand in: all of the daylight, its sky alone, or its lights alone; None for "flat". The
+    lights have no radius, as those of three.js have none."""
     lights = tuple(replace(light, radius=0.0) for light in DAYLIGHT.lights)
-    if name == "sky":
-        return replace(DAYLIGHT, lights=())
-    return replace(DAYLIGHT, lights=lights, gradient=DAYLIGHT.gradient * (name != "lights"))
+    return {"flat": None, "sky": replace(DAYLIGHT, lights=()), "daylight": replace(DAYLIGHT, lights=lights),
+            "lights": replace(DAYLIGHT, lights=lights, gradient=0 * DAYLIGHT.gradient)}[name]
 
 
 def sky_map(environment, size=SKY_SIZE):
     """The sky as float32 [H, W, 4], linear RGBA by longitude and latitude, the nadir first; None where it is black."""
-    if not environment.gradient.any():
+    if environment is None or not environment.gradient.any():
         return None
     width, height = size
     up = np.sin(((np.arange(height) + 0.5) / height - 0.5) * np.pi)
-    row = environment.radiance(np.stack([np.zeros(height), up, np.zeros(height)]))
     out = np.ones((height, width, 4), np.float32)
-    out[..., :3] = np.maximum(row, 0).T[:, None]
+    out[..., :3] = np.maximum(environment.radiance(np.stack([np.zeros(height), up, np.zeros(height)])), 0).T[:, None]
     return out
 
 
@@ -84,16 +93,8 @@ def told_camera(camera):
 
 def told_lights(environment):
     """Lights of an Environment as three_check.mjs takes them; three.js, too, counts irradiance."""
-    return [{"direction": light.direction.tolist(), "colour": light.irradiance.tolist()} for light in environment.lights]
-
-
-def told_sky(environment, folder):
-    """The sky of an Environment as three_check.mjs takes it, its map in a file of the folder; None where it is black."""
-    sky = sky_map(environment)
-    if sky is None:
-        return None
-    sky.tofile(folder / "sky.f32")
-    return {"width": SKY_SIZE[0], "height": SKY_SIZE[1], "file": "sky.f32"}
+    lights = environment.lights if environment else ()
+    return [{"direction": light.direction.tolist(), "colour": light.irradiance.tolist()} for light in lights]
 
 
 def ours(scene, cameras, look, averaged=1):
@@ -103,7 +104,7 @@ def ours(scene, cameras, look, averaged=1):
         picture = draw(camera)
         covered = np.zeros(camera.height * camera.width, bool)
         covered[picture.pixel] = True
-        _add(out, picture.image(), covered.reshape(camera.height, camera.width), averaged)
+        out.add(picture.image(), covered.reshape(camera.height, camera.width), averaged)
     return out
 
 
@@ -112,110 +113,111 @@ def theirs(folder, name, views, size, averaged=1):
     out = Shown([], [])
     for view in range(views):
         raw = np.fromfile(folder / f"{name}-{view}.rgba", np.uint8).reshape(size, size, 4)[::-1]
-        _add(out, raw[..., :3], raw[..., 3] > 0, averaged)
+        out.add(raw[..., :3], raw[..., 3] > 0, averaged)
     return out
 
 
-def _add(shown, image, covered, averaged):
-    """Adds a view, `averaged` samples a side to a pixel, which counts as covered where all of them are."""
-    if averaged > 1:
-        blocks = covered.reshape(len(covered) // averaged, averaged, -1, averaged)
-        image, covered = box_down(image, averaged), blocks.all(axis=(1, 3))
-    shown.images.append(image)
-    shown.covered.append(covered)
-
-
 def agreement(one, other):
-    """PSNR Y in dB of two Shown, pooled over the pixels of all views that both cover, and the share of those that either does."""
-    error, either = ColourError(), 0
+    """PSNR in dB of R, G and B together and of Y of two Shown, over the pixels of all views that both cover; the share of pixels
+    covered by either that both cover; and the share that differs by more than 8 of 255."""
+    error, either, far = ColourError(), 0, 0
     for a, b, here, there in zip(one.images, other.images, one.covered, other.covered, strict=True):
         both = here & there
         either += int((here | there).sum())
+        far += int((np.abs(a[both].astype(np.int16) - b[both]).max(axis=1) > 8).sum())
         error.add(a[both], b[both])
-    return decibels(error.mse()["y"], 255.0), error.samples / max(either, 1)
+    result = error.result()
+    return result["psnr_rgb"], result["psnr_y"], error.samples / max(either, 1), far / max(error.samples, 1)
 
 
-def draw_theirs(pairs, cameras, environment, args):
-    """Draws pairs {name: (source, decoded)} with three.js into args.out; returns what three_check.mjs told."""
+def draw_theirs(subjects, cameras, environment, args):
+    """Draws the files of subjects {name: [path]} with three.js into args.out / "three"; returns what three_check.mjs told."""
     modules = args.modules or node_modules(args.out)
     if modules is None or not shutil.which("node"):
         raise SystemExit("three.js cannot be had: node or npm is missing")
-    work = args.out / "three"
-    work.mkdir(parents=True, exist_ok=True)
-    files = []
-    for name, pair in pairs.items():
-        for kind, path in zip(("source", "decoded"), pair, strict=True):
-            shutil.copyfile(path, work / f"{name}-{kind}.glb")
-            files.append({"name": f"{name}-{kind}", "path": f"{name}-{kind}.glb", "cameras": name})
-    told = {name: [told_camera(one) for one in found] for name, found in cameras.items()}
+    work, files, sky = args.out / "three", [], sky_map(environment)
+    shutil.rmtree(work, ignore_errors=True)
+    shutil.copytree(SOURCES, work / "js" / "src")
+    for name, paths in subjects.items():
+        for number, path in enumerate(paths):
+            shutil.copyfile(path, work / f"{name}-{number}{path.suffix}")
+            files.append({"name": f"{name}-{number}", "path": f"{name}-{number}{path.suffix}", "cameras": name})
+    if sky is not None:
+        sky.tofile(work / "sky.f32")
     job = {"root": str(work.resolve()), "size": args.size * args.averaged, "filter": "mipmaps" if args.mipmaps else "linear",
-           "alike": args.alike, "sky": told_sky(environment, work), "lights": told_lights(environment), "files": files,
-           "cameras": told}
+           "alike": args.alike, "flat": environment is None, "lights": told_lights(environment), "files": files,
+           "sky": None if sky is None else {"width": SKY_SIZE[0], "height": SKY_SIZE[1], "file": "sky.f32"},
+           "cameras": {name: [told_camera(one) for one in views] for name, views in cameras.items()}}
     (work / "job.json").write_text(json.dumps(job), encoding="utf-8")
-    done = subprocess.run(["node", PAGE, work.resolve() / "job.json", work.resolve()], cwd=modules, env=os.environ)
-    if done.returncode:
+    if subprocess.run(["node", PAGE, work.resolve() / "job.json", work.resolve()], cwd=modules, env=os.environ).returncode:
         raise SystemExit("the browser failed: no pictures")
     return json.loads((work / "told.json").read_text(encoding="utf-8"))
 
 
-def coded(assets, args):
+def coded(names, args):
     """{name: (source, decoded)} of assets; what stands in the folder already is not coded again."""
-    found = {}
-    for name in assets:
-        source, stream, mesh = args.assets / f"{name}.glb", args.out / f"{name}.texf", args.out / f"{name}.glb"
-        found[name] = source, mesh
-        if mesh.exists():
-            continue
-        for words in (["enc", "--quiet", "--rate", args.rate, source, stream], ["dec", "--quiet", stream, mesh]):
-            subprocess.run([sys.executable, "-m", f"texfcodec.cli.{words[0]}", *words[1:]], check=True)
+    found = {name: (args.assets / f"{name}.glb", args.out / f"{name}.glb") for name in names}
+    for source, mesh in found.values():
+        stream = mesh.with_suffix(".texf")
+        if not mesh.exists():
+            for words in (["enc", "--quiet", "--rate", args.rate, source, stream], ["dec", "--quiet", stream, mesh]):
+                subprocess.run([sys.executable, "-m", f"texfcodec.cli.{words[0]}", *words[1:]], check=True)
     return found
 
 
-def sheet(folder, name, shown):
-    """Keeps the views of one asset: side by side what the Shown of each name in `shown` has."""
+def keep(folder, name, shown):
+    """Keeps the views of one asset: side by side what each Shown has."""
     from PIL import Image
 
     folder.mkdir(parents=True, exist_ok=True)
-    for view, row in enumerate(zip(*(one.images for one in shown.values()), strict=True)):
+    for view, row in enumerate(zip(*(one.images for one in shown), strict=True)):
         Image.fromarray(np.hstack(row)).save(folder / f"{name}-{view}.png")
 
 
-def row_of(name, scenes, cameras, environment, args):
-    """A line of the table."""
-    look = Look(environment=environment, mipmaps=args.mipmaps)
-    shown, side = {}, args.size * args.averaged
-    for kind, scene in zip(("source", "decoded"), scenes, strict=True):
-        shown[f"ours-{kind}"] = ours(scene, cameras, look, args.averaged)
-        shown[f"three-{kind}"] = theirs(args.out / "three", f"{name}-{kind}", args.views, side, args.averaged)
+def row_of(name, scenes, cameras, look, args):
+    """(cells of the table, PSNR RGB of the renderers) of a subject of one scene or two."""
+    here = [ours(scene, cameras, look, args.averaged) for scene in scenes]
+    there = [theirs(args.out / "three", f"{name}-{number}", args.views, args.size * args.averaged, args.averaged)
+             for number in range(len(scenes))]
     if args.pictures:
-        sheet(args.out / "pictures", name, shown)
-    here, there = (agreement(shown[f"{kind}-source"], shown[f"{kind}-decoded"])[0] for kind in ("ours", "three"))
-    both = [agreement(shown[f"ours-{kind}"], shown[f"three-{kind}"]) for kind in ("source", "decoded")]
-    return (f"| {name} | {in_decibels(here)} | {in_decibels(there)} | {there - here:+.2f} | {in_decibels(both[0][0])} "
-            f"| {in_decibels(both[1][0])} | {100 * both[0][1]:.1f} % |")
+        keep(args.out / "pictures", name, [one for pair in zip(here, there, strict=True) for one in pair])
+    both = [agreement(*pair) for pair in zip(here, there, strict=True)]
+    if len(scenes) == 2:
+        one, other = (agreement(*side)[1] for side in (here, there))
+        return [name, in_decibels(one), in_decibels(other), f"{other - one:+.2f}", *(in_decibels(y) for _, y, _, _ in both),
+                f"{100 * both[0][2]:.1f} %"], both[0][0]
+    ((rgb, y, covered, far),), more = both, []
+    if args.samples:
+        fine = ours(scenes[0], cameras_of(scenes[0], args.views, args.size * args.samples), look, args.samples)
+        more = [in_decibels(agreement(fine, one)[0]) for one in (here[0], there[0])]
+    return [name, in_decibels(rgb), in_decibels(y), f"{100 * covered:.2f} %", f"{100 * far:.2f} %", *more], rgb
 
 
 def arguments_of(words):
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("assets", type=Path, nargs="?")
-    parser.add_argument("--only", action="append", metavar="NAME", help="an asset; repeatable")
-    parser.add_argument("--pair", action="append", nargs=2, type=Path, default=[], metavar=("SOURCE.glb", "DECODED.glb"))
-    parser.add_argument("--rate", default=RATE)
-    parser.add_argument("--light", choices=("daylight", "sky", "lights"), default="daylight")
+    parser.add_argument("streams", type=Path, nargs="*", metavar="STREAM.texf")
+    parser.add_argument("--assets", type=Path, metavar="FOLDER")
+    parser.add_argument("--only", action="append", metavar="NAME", help="an asset of the folder; repeatable")
+    parser.add_argument("--pair", action="append", nargs=2, type=Path, default=[], metavar=("SOURCE", "DECODED"))
+    parser.add_argument("--rate", default="r04")
+    parser.add_argument("--light", choices=("daylight", "sky", "lights", "flat"), default="daylight", help="flat: streams alone")
     parser.add_argument("--alike", action="append", default=[], choices=(*ALIKE, "all"),
                         help="what three.js is made to do as we do; repeatable")
-    parser.add_argument("--views", type=int, default=VIEWS)
-    parser.add_argument("--size", type=int, default=SIZE)
-    parser.add_argument("--averaged", type=int, default=AVERAGED, metavar="N", help="samples a side that a pixel is the mean of")
-    parser.add_argument("--mipmaps", action="store_true", help="both ask minified maps at mip levels; without it, neither does")
+    parser.add_argument("--views", type=int, default=4)
+    parser.add_argument("--size", type=int, default=512)
+    parser.add_argument("--averaged", type=int, default=2, metavar="N", help="samples a side that a pixel is the mean of")
+    parser.add_argument("--mipmaps", action="store_true", help="minified maps from mip levels, as always with streams")
+    parser.add_argument("--samples", type=int, metavar="N", help="streams, too, against pictures of N x N samples a pixel")
+    parser.add_argument("--least", type=float, default=0.0, metavar="DB", help="PSNR RGB that a stream must have")
     parser.add_argument("--pictures", action="store_true", help="keep each view: source by ours and theirs, then decoded")
     parser.add_argument("--out", type=Path, default=Path("out/three"), metavar="FOLDER")
     parser.add_argument("--modules", type=Path, metavar="FOLDER", help="holds node_modules with three and playwright-core")
     args = parser.parse_args(words)
     args.alike = list(ALIKE) if "all" in args.alike else args.alike
-    if not (args.assets or args.pair):
-        parser.error("give a folder of assets, or pairs")
+    args.mipmaps = args.mipmaps or bool(args.streams)
+    if not (args.assets or args.pair or args.streams):
+        parser.error("give streams, pairs, or a folder of assets")
     return args
 
 
@@ -223,20 +225,26 @@ def main(arguments=None):
     """Command line of the tool."""
     args = arguments_of(arguments)
     args.out.mkdir(parents=True, exist_ok=True)
-    pairs = {f"{n}-{pair[0].stem}": tuple(pair) for n, pair in enumerate(args.pair)}
-    if args.assets:
-        pairs |= coded(args.only or ASSETS_SHOWN, args)
-    scenes = {name: [load(path) for path in pair] for name, pair in pairs.items()}
-    cameras = {name: cameras_of(pair[0], args.views, args.size * args.averaged) for name, pair in scenes.items()}
+    subjects = {path.stem: (path,) for path in args.streams}
+    subjects |= {f"{n}-{pair[0].stem}": tuple(pair) for n, pair in enumerate(args.pair)}
+    subjects |= coded(args.only or ASSETS_SHOWN, args) if args.assets else {}
+    scenes = {name: [(decode if path.suffix == ".texf" else load)(path) for path in paths] for name, paths in subjects.items()}
+    cameras = {name: cameras_of(found[0], args.views, args.size * args.averaged) for name, found in scenes.items()}
     environment = light_of(args.light)
-    told = draw_theirs(pairs, cameras, environment, args)
+    told, missed = draw_theirs(subjects, cameras, environment, args), False
     print(f"three.js r{told['revision']}, {args.light}, alike: {' '.join(args.alike) or 'nothing'}, {args.views} views of "
-          f"{args.size}, {args.averaged} x {args.averaged} samples\n")
-    print("| asset | ours: source, decoded | three.js: source, decoded | three.js less ours | sources: ours, three.js "
-          "| decoded: ours, three.js | covered by both |\n|---|---|---|---|---|---|---|")
-    for name in pairs:
-        print(row_of(name, scenes[name], cameras[name], environment, args), flush=True)
+          f"{args.size}, {args.averaged} x {args.averaged} samples")
+    fine = [f"ours to {args.samples} x {args.samples} samples", "three.js to them"] if args.samples else []
+    streams = ["stream", "PSNR RGB", "PSNR Y", "covered by both", "far off", *fine]
+    for count, head in ((1, streams), (2, PAIRS)):
+        names = [name for name, paths in subjects.items() if len(paths) == count]
+        print(*([f"\n| {' | '.join(head)} |\n|---|{'---:|' * (len(head) - 1)}"] if names else []), sep="\n")
+        for name in names:
+            cells, rgb = row_of(name, scenes[name], cameras[name], Look(environment=environment, mipmaps=args.mipmaps), args)
+            missed |= count == 1 and rgb < args.least
+            print(f"| {' | '.join(cells)} |", flush=True)
+    return 7 if missed else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

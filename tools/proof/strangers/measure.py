@@ -9,15 +9,13 @@ import json
 import math
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-if not __package__:  # called as a file, by a run that may measure another checkout's texfcodec, which PYTHONPATH names
+if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
-    import tools.proof  # noqa: F401
-
-    sys.path.append(sys.path.pop(0))
 
 from texfcodec.core.colour_error import ColourError
 from texfcodec.geometry.areas import relative_areas, sample_surface
@@ -40,28 +38,20 @@ def compare(source, mesh):
     whole area; ambiguous: share of points at which the source contradicts itself."""
     areas = relative_areas(source.positions, source.faces)
     by_material = np.bincount(source.face_material, areas, len(source.materials))
-    total, parts, answers = by_material.sum(), [], _Answers(source, mesh)
+    total, parts = by_material.sum(), []
+
+    @cache
+    def colours(which, name):
+        """MeshColours of the surfaces of a material's name in "mesh" or "source", of all where there is none."""
+        scene = {"mesh": mesh, "source": source}[which]
+        keep = np.isin(scene.face_material, [m for m, material in enumerate(scene.materials) if material.name == name])
+        return MeshColours(scene if name is None or not keep.any() else _only(scene, keep))
+
     for m in np.argsort(-by_material)[:PARTS]:
         if by_material[m] > 0:
-            result = _compare_part(source, int(m), answers)
+            result = _compare_part(source, int(m), colours)
             parts.append({"material": source.materials[m].name, "share": round(float(by_material[m] / total), 6), **result})
     return parts
-
-
-class _Answers:
-    """Functions that answer for surfaces, made when they are needed."""
-
-    def __init__(self, source, mesh):
-        self.source, self.mesh, self._made = source, mesh, {}
-
-    def query(self, which, name, points, normals):
-        """Colours of the nearest surface of "mesh" or "source"; name: of its material, None for any."""
-        if (which, name) not in self._made:
-            scene = getattr(self, which)
-            wanted = [m for m, material in enumerate(scene.materials) if material.name == name]
-            keep = np.isin(scene.face_material, wanted)
-            self._made[which, name] = MeshColours(scene if name is None or not keep.any() else _only(scene, keep))
-        return self._made[which, name].query(points, normals)
 
 
 def _only(scene, keep):
@@ -71,20 +61,20 @@ def _only(scene, keep):
                    corner_color=colour)
 
 
-def _compare_part(source, m, answers):
+def _compare_part(source, m, colours):
     faces, material = np.flatnonzero(source.face_material == m), source.materials[m]
     rows, bary = sample_surface(source.positions, source.faces[faces], POINTS)
     corners = source.positions[source.faces[faces[rows]]]
     points, normals = np.einsum("mk,mkc->mc", bary, corners), face_normals(corners)
     wanted = sample_source(pack_source(source), faces[rows], bary)
     weights = _weights(material, wanted)
-    result = _error(wanted, answers.query("mesh", None, points, normals), weights)
+    result = _error(wanted, colours("mesh", None).query(points, normals), weights)
     if result.get("rgb", GOOD_ENOUGH) is None or result.get("rgb", GOOD_ENOUGH) >= GOOD_ENOUGH:
         return result | {"ambiguous": 0.0}
-    itself = answers.query("source", material.name or None, points, normals)
+    itself = colours("source", material.name or None).query(points, normals)
     doubtful = np.abs(itself - wanted).max(axis=1) > SAME
     weights = np.where(doubtful, 0.0, weights)
-    return _error(wanted, answers.query("mesh", material.name or None, points, normals), weights) | {
+    return _error(wanted, colours("mesh", material.name or None).query(points, normals), weights) | {
         "ambiguous": round(float(doubtful.mean()), 4)}
 
 

@@ -30,15 +30,21 @@ def draw(rows, count, cache, rows_file):
     print(f"{len(chosen)} pairs in {out}", file=sys.stderr)
     order = sorted(range(len(pairs)), key=lambda i: least_picture(shown[i]))
     draw_pairs([pairs[i] for i in order[:WORST]], cache, out / "worst")
-    by_name = dict(zip([row["name"] for row in chosen], shown, strict=True))
-    return [_with_picture(row, by_name.get(row["name"]), rows_file) for row in rows]
+    pictures = dict(zip([row["name"] for row in chosen], shown, strict=True))
+    rows = [row | ({"picture": pictures[row["name"]]} if row["name"] in pictures else {}) for row in rows]
+    for row in rows:
+        if row["name"] in pictures:
+            row["findings"] = findings_of(row)
+            add_row(rows_file, row)
+    return rows
 
 
 def pair_of(row):
     """What pictures.mjs takes of a row, with what the encoder remarks of colours and units."""
     remarks = " ".join(row["encode"]["report"].get("remarks", []))
-    unit = re.search(r"a unit of (\S+) m\b", remarks)
-    return {"source": row["source"], "mesh": row["mesh"], "text": f"{row['name']} \u00b7 worst part {_worst(row)}",
+    unit, worst = re.search(r"a unit of (\S+) m\b", remarks), worst_rgb(row)
+    text = "not measured" if worst != worst else in_decibels(worst)
+    return {"source": row["source"], "mesh": row["mesh"], "text": f"{row['name']} \u00b7 worst part {text}",
             "linear": "read as linear" in remarks, "unit": float(unit[1]) if unit else 1.0}
 
 
@@ -53,17 +59,3 @@ def draw_pairs(pairs, cache, out):
     if done.returncode:
         raise SystemExit("the browser failed: no pictures")
     return json.loads((out / "pairs.json").read_text(encoding="utf-8"))
-
-
-def _worst(row):
-    worst = worst_rgb(row)
-    return "not measured" if worst != worst else in_decibels(worst)
-
-
-def _with_picture(row, picture, rows_file):
-    if picture is None:
-        return row
-    row = row | {"picture": picture}
-    row["findings"] = findings_of(row)
-    add_row(rows_file, row)
-    return row

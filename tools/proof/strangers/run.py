@@ -106,12 +106,20 @@ def _steps(row, room, paths, flags, modules):
     row["measure"] = room.run([str(MEASURE), source, mesh], {})
 
 
+def _answer(begin, code, text, log, default):
+    """{"exit", "seconds", "report", "json", "log"} of a step. report: the JSON object of its stdout; json: "" or why it has
+    none; log: its last words, where it failed. exit: None where it took too long, negative where a signal ended it."""
+    report = strict_json(text)
+    is_read = isinstance(report, dict)
+    return {"exit": code, "seconds": round(time.monotonic() - begin, 2), "report": report if is_read else default,
+            "json": "" if is_read else report, "log": log if code != 0 else ""}
+
+
 class Room:
     """A folder for what processes say, and their caps."""
 
     def __init__(self, folder, args, children):
-        self.folder, self.children = folder, children
-        self.seconds, self.memory = args.seconds, args.memory
+        self.folder, self.children, self.seconds, self.memory = folder, children, args.seconds, args.memory
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
 
@@ -119,18 +127,13 @@ class Room:
         return self.run(["-m", f"texfcodec.cli.{name}", *words], {"warnings": [], "dropped": [], "remarks": []})
 
     def run(self, words, default):
-        """{"exit", "seconds", "report", "json", "log"}: report: the JSON object of its stdout; json: "" or why there is none;
-        log: the last line of its stderr. exit: None where it took too long, negative where a signal ended it."""
         out, log, begin = self.folder / "out", self.folder / "log", time.monotonic()
         with open(out, "wb") as to, open(log, "wb") as to_log:
             try:
                 code = self.children.run(words, to, to_log, Caps(1, self.memory, begin + self.seconds))
             except Overdue:
                 code = None
-        report = strict_json(out.read_text(encoding="utf-8", errors="replace"))
-        is_read = isinstance(report, dict)
-        return {"exit": code, "seconds": round(time.monotonic() - begin, 2), "report": report if is_read else default,
-                "json": "" if is_read else report, "log": last_line(log) if code != 0 else ""}
+        return _answer(begin, code, out.read_text(encoding="utf-8", errors="replace"), last_line(log), default)
 
 
 class Inside:
@@ -147,10 +150,7 @@ class Inside:
             except SystemExit as ended:
                 code = ended.code or 0
         out.seek(0)
-        report = strict_json(out.read())
-        is_read = isinstance(report, dict)
-        return {"exit": code, "seconds": round(time.monotonic() - begin, 2), "report": report if is_read else {},
-                "json": "" if is_read else report, "log": log.getvalue()[-200:] if code else ""}
+        return _answer(begin, code, out.read(), log.getvalue()[-200:], {})
 
     def run(self, words, default):
         return {"exit": 0, "seconds": 0.0, "report": measured(*words[1:]), "json": "", "log": ""}

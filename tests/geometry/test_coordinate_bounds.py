@@ -1,8 +1,10 @@
-"""Cases of the canonical cube and its lattice: scale, offset, what is refused, and shapes without area."""
+"""Bounds of coordinates: scale, offset and the canonical cube's lattice."""
 
 from fractions import Fraction
 
 import numpy as np
+import pytest
+from bounds import Draws, Group
 from shapes import painted_sphere, scene_of
 
 from texfcodec.api import decode
@@ -10,11 +12,13 @@ from texfcodec.encoder.encode import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import MAX_COORDINATE, fit_cube
 from texfcodec.options import EncodeOptions
-from tools.proof.stability.case import Case, Draws
+
+case = Group("Coordinates")
 
 SMALLEST_SIDE = 1e-290
-GROUP = "Coordinates"
 PLAIN = {"resolution": 16, "qp": 28, "effort": "fast", "refine": "off", "threads": 1}
+ROUNDING = 1 + 2.0**-29
+HALF_STEPS = "half lattice steps"
 
 
 def placed(draw: Draws, unit: np.ndarray, smallest: float = -289, largest: float = 149, reach: float = 14) -> np.ndarray:
@@ -24,8 +28,15 @@ def placed(draw: Draws, unit: np.ndarray, smallest: float = -289, largest: float
     return unit * scale + offset
 
 
+@case("lattice rounding", ROUNDING, HALF_STEPS, seeds=20)
 def lattice_rounding(draw: Draws) -> float:
-    """Error of a decoded position in half lattice steps and an ulp of the largest coordinate, in exact fractions."""
+    """Error of a decoded position in half lattice steps and an ulp of the largest coordinate, in exact fractions.
+    Stress: positions at any scale from 1e-289 to 1e149 and up to 1e14 times their extent away, many of them where a half
+    decides
+    Bound: A position goes to the nearest lattice point and back by 8.1. Three binary64 operations on numbers below 2^20 move
+    the tie by at most 2^-31 steps, two on the way back by 2^-32; the last addition rounds to an ulp of the largest
+    coordinate, which is added to the half step here: no format of coordinates has less.
+    """
     bits, last = (b := draw.integer(8, 20)), (1 << b) - 1
     unit = draw.reals((5, 3), 0, 1)
     unit[0], unit[1] = 0, 1
@@ -39,14 +50,22 @@ def lattice_rounding(draw: Draws) -> float:
 def rounding_of(positions: np.ndarray, bits: int) -> float:
     """The same of positions float64 [V, 3]."""
     cube, last = fit_cube(positions, bits), (1 << bits) - 1
-    decoded = cube.to_world(cube.to_lattice(positions))
+    lattice = cube.to_lattice(positions)
+    if lattice.min() != 0 or lattice.max() != last:
+        return np.inf
+    decoded = cube.to_world(lattice)
     allowed = Fraction(cube.side) / last / 2 + Fraction(float(np.spacing(np.abs(positions).max())))
     pairs = zip(decoded.ravel().tolist(), positions.ravel().tolist(), strict=True)
     return float(max(abs(Fraction(a) - Fraction(b)) for a, b in pairs) / allowed)
 
 
+@case("scales that are refused", 0, "wrong answers", seeds=40)
 def refused_by_code(draw: Draws) -> float:
-    """1 where a scale is not taken, or refused, as the two limits say; both are put to the test from each side."""
+    """1 where a scale is not taken, or refused, as the two limits say; both are put to the test from each side.
+    Stress: extents from 1e-320 to 1e307 and both limits from each side
+    Bound: Coordinates over 1e150 are refused as TXF-I60 and extents between 0 and 1e-290 as TXF-I61: between the limits no
+    difference, quotient or lattice step leaves the normal numbers of binary64.
+    """
     limit = draw.pick((MAX_COORDINATE, SMALLEST_SIDE, 10.0 ** draw.real(-320, 307)))
     scale = float(limit * (1 + draw.integer(-2, 2) * 2.0**-52)) if draw.pick((True, False)) else float(limit)
     positions = np.array([[0, 0, 0], [scale, scale / 2, 0]]) * draw.pick((1, -1))
@@ -65,16 +84,26 @@ def corner_errors(scene: object, texf: object) -> float:
     return float(distance / (texf.side / ((1 << texf.position_bits) - 1) / 2 + np.spacing(np.abs(used).max())))
 
 
+@case("a ball at any scale", ROUNDING, HALF_STEPS, seeds=3)
 def whole_pipeline(draw: Draws) -> float:
-    """A coloured ball through encoder and decoder at any scale and place."""
+    """A coloured ball through encoder and decoder at any scale and place.
+    Stress: encoder and decoder, scale 1e-289 to 1e149, offset to 1e9 extents, 8 to 20 position bits
+    Bound: As above: Draco keeps lattice positions as they are (5.6), and origin and side stand in the stream as binary64
+    (5.3).
+    """
     scene = painted_sphere(4, seed=draw.integer(0, 99))
     scene.positions = placed(draw, (scene.positions + 1) / 2, reach=9)
     made = encode_scene(scene, EncodeOptions(position_bits=draw.integer(8, 20), **PLAIN))
     return corner_errors(scene, decode(made.data))
 
 
+@case("slivers", ROUNDING, HALF_STEPS, seeds=3)
 def sliver_corners(draw: Draws) -> float:
-    """Two slivers of an aspect up to 10^9, turned anyhow, through encoder and decoder."""
+    """Two slivers of an aspect up to 10^9, turned anyhow, through encoder and decoder.
+    Stress: faces 1 to 10^9 times as long as wide, turned anyhow
+    Bound: As above, and no face is lost: what the lattice makes a line stays a face as long as its three corners are apart,
+    whatever its width.
+    """
     aspect, turn = draw.power(0, 9), np.linalg.qr(draw.generator().normal(size=(3, 3)))[0]
     apex = draw.real(0.1, 0.9)
     thin = np.array([[0, 0, 0], [1, 0, 0], [apex, 1 / aspect, 0], [0, 0, 0.3], [1, 0, 0.3], [apex, 0, 0.3 + 1 / aspect]])
@@ -83,8 +112,13 @@ def sliver_corners(draw: Draws) -> float:
     return corner_errors(scene, texf) if len(texf.faces) == 2 else np.inf
 
 
+@case("lines and points", 0, "wrong answers")
 def shapes_without_area(draw: Draws) -> float:
-    """Faces that are lines or points, alone: 1 where they are neither coded whole nor refused as having no face."""
+    """Faces that are lines or points, alone: 1 where they are neither coded whole nor refused as having no face.
+    Stress: faces without area, alone in the mesh, scale 1e-280 to 1e140
+    Bound: A face has samples whatever its area (6.3: columns and rows are at least 1), so a line is coded in its colour; a
+    point has no longest side and is refused as TXF-I63.
+    """
     scale, ends = draw.power(-280, 140), draw.reals((2, 3), -1, 1)
     share = draw.real(0, 1) if draw.pick((True, False)) else draw.pick((0, 1))
     is_point = draw.pick((True, False))
@@ -97,37 +131,7 @@ def shapes_without_area(draw: Draws) -> float:
     return float(is_point or len(texf.faces) != 1 or np.abs(colour[:, :3] - [188, 124, 89]).max() > 1)
 
 
-ROUNDING = 1 + 2.0**-29
-HALF_STEPS = "half lattice steps"
-CASES = (
-    Case("lattice rounding", GROUP,
-         "positions at any scale from 1e-289 to 1e149 and up to 1e14 times their extent away, many of them where a half decides",
-         ROUNDING, HALF_STEPS,
-         "A position goes to the nearest lattice point and back by 8.1. Three binary64 operations on numbers below 2^20 move "
-         "the tie by at most 2^-31 steps, two on the way back by 2^-32; the last addition rounds to an ulp of the largest "
-         "coordinate, which is added to the half step here: no format of coordinates has less.",
-         lattice_rounding, 20),
-    Case("scales that are refused", GROUP,
-         "extents from 1e-320 to 1e307 and both limits from each side",
-         0, "wrong answers",
-         "Coordinates over 1e150 are refused as TXF-I60 and extents between 0 and 1e-290 as TXF-I61: between the limits no "
-         "difference, quotient or lattice step leaves the normal numbers of binary64.",
-         refused_by_code, 40),
-    Case("a ball at any scale", GROUP,
-         "encoder and decoder, scale 1e-289 to 1e149, offset to 1e9 extents, 8 to 20 position bits",
-         ROUNDING, HALF_STEPS,
-         "As above: Draco keeps lattice positions as they are (5.6), and origin and side stand in the stream as binary64 (5.3).",
-         whole_pipeline, 3),
-    Case("slivers", GROUP,
-         "faces 1 to 10^9 times as long as wide, turned anyhow",
-         ROUNDING, HALF_STEPS,
-         "As above, and no face is lost: what the lattice makes a line stays a face as long as its three corners are apart, "
-         "whatever its width.",
-         sliver_corners, 3),
-    Case("lines and points", GROUP,
-         "faces without area, alone in the mesh, scale 1e-280 to 1e140",
-         0, "wrong answers",
-         "A face has samples whatever its area (6.3: columns and rows are at least 1), so a line is coded in its colour; a "
-         "point has no longest side and is refused as TXF-I63.",
-         shapes_without_area, 6),
-)
+@pytest.mark.parametrize("hard", [*case], ids=lambda hard: hard.name)
+def test_no_trial_of_a_case_is_worse_than_its_bound(hard):
+    worst = hard.worst()
+    assert worst.value <= hard.bound, worst

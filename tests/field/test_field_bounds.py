@@ -1,9 +1,11 @@
-"""Cases of voxels and texels: which of them a surface touches, on boundaries and with slivers, and what a point asks of them."""
+"""Bounds of voxels and texels: which of them a surface touches, on boundaries and with slivers, and what a point looks up."""
 
 from fractions import Fraction
 from itertools import product
 
 import numpy as np
+import pytest
+from bounds import Draws, Group
 from shapes import scene_of
 
 from conformance.reference import texels as naive
@@ -17,10 +19,11 @@ from texfcodec.field.texels import TexelSupport
 from texfcodec.field.transfer import transfer
 from texfcodec.field.voxelise import voxelise
 from texfcodec.scene.fetch import pack_source
-from tools.proof.stability.case import Case, Draws
 
-GROUP = "Voxels and texels"
+case = Group("Voxels and texels")
+
 NUDGE = Fraction(1, 1 << 40)  # in texels, far less than what 8.2 allows
+EXACT = "voxels or weights that differ"
 
 
 def differing_voxels(lattice: np.ndarray, faces: np.ndarray, bits: int, resolution: int, threads: int) -> int:
@@ -29,8 +32,14 @@ def differing_voxels(lattice: np.ndarray, faces: np.ndarray, bits: int, resoluti
     return len(set(got.items()) ^ set(oracles.voxelise(lattice.tolist(), faces.tolist(), bits, resolution).items()))
 
 
+@case("every K, any shape", 0, EXACT, seeds=20)
 def every_resolution(draw: Draws) -> float:
-    """Random, flat, linear and point faces at every K to 64 and powers of two to 8192."""
+    """Random, flat, linear and point faces at every K to 64 and powers of two to 8192.
+    Stress: random, flat, linear and point faces at K = 1 to 64 and powers of two to 8192, 8 to 20 position bits, one to three
+    threads
+    Bound: Clause 6 is integer arithmetic below 2^62 (clause 10: cross products < 2^60, sums of squares < 2^62), so the kernel
+    and unlimited integers agree; sums over faces know no order or slabs.
+    """
     k = draw.integer(1, 71)
     resolution, bits = (k if k <= 64 else 1 << (k - 58)), draw.integer(8, 20)
     last = (1 << bits) - 1
@@ -44,16 +53,25 @@ def every_resolution(draw: Draws) -> float:
     return differing_voxels(lattice, draw.integers((4, 3), 0, 5), bits, resolution, draw.pick((1, 3)))
 
 
+@case("voxel boundaries", 0, EXACT, seeds=20)
 def on_voxel_boundaries(draw: Draws) -> float:
-    """Corners exactly on boundaries of voxels and a lattice step beside them, and where no lattice position is on a boundary."""
+    """Corners exactly on boundaries of voxels and a lattice step beside them, and where no lattice position is on a boundary.
+    Stress: corners on boundaries of voxels and a lattice step beside them
+    Bound: 6.1 rounds down to 1/65536 voxel without a float, and a sample on a boundary belongs to the upper voxel (6.3).
+    """
     bits, resolution = draw.integer(8, 14), draw.pick((2, 4, 8, 16, 32, draw.integer(1, 64)))
     edge = draw.integers((6, 3), 0, resolution)
     lattice = np.clip(-(-(edge << bits) // resolution) + draw.integers((6, 3), -1, 1), 0, (1 << bits) - 1)
     return differing_voxels(lattice, draw.integers((4, 3), 0, 5), bits, resolution, draw.pick((1, 2)))
 
 
+@case("slivers are covered", 2, "voxels", seeds=30)
 def uncovered_sliver(draw: Draws) -> float:
-    """Distance in voxels from a point of a thin face to the nearest voxel that it touches."""
+    """Distance in voxels from a point of a thin face to the nearest voxel that it touches.
+    Stress: points of faces of an aspect to 10^6, the finest that a lattice holds, from the nearest voxel of the face
+    Bound: Rows lie at most half a voxel apart and samples in a row as well (6.2, 6.3), a row may begin up to one voxel inside
+    a slanted side, and slivers have rows on their edge instead: in all at most two voxels.
+    """
     resolution, bits = draw.integer(2, 64), 20
     aspect, last = draw.power(0, 6), (1 << bits) - 1
     turn = np.linalg.qr(draw.generator().normal(size=(3, 3)))[0]
@@ -70,16 +88,26 @@ def uncovered_sliver(draw: Draws) -> float:
     return float(beside.max(axis=2).min(axis=1).max())
 
 
+@case("integer roots", 0, "wrong roots", seeds=200)
 def area_of_crossed_edges(draw: Draws) -> float:
-    """How far the integer root of a sum of squares is from the exact one: 1 where it is not the largest whole root."""
-    value = min(draw.integer(0, 2**31 - 1) ** 2 + draw.integer(-2, 2), 2**62 - 1)
+    """How far the integer root of a sum of squares is from the exact one: 1 where it is not the largest whole root.
+    Stress: roots of squares to 2^62 and two beside them, and of any number below
+    Bound: The digits of the root are found one by one in integers (4.1), so no float rounds.
+    """
+    around = draw.integer(0, 2**31 - 1) ** 2 + draw.integer(-2, 2)
+    value = min(draw.pick((around, draw.integer(0, 2**62 - 1))), 2**62 - 1)
     root = int(_isqrt(np.int64(max(value, 0))))
     return float(not root * root <= max(value, 0) < (root + 1) ** 2)
 
 
+@case("coplanar duplicates", 1e-4, "levels", seeds=2, search=False, heavy=True)
 def coplanar_duplicates(draw: Draws) -> float:
     """Levels that the colour of a voxel is off under very many coplanar copies of a square, and infinite where its weights are
-    not exactly so many times those of one."""
+    not exactly so many times those of one.
+    Stress: a million copies of a face (ten with --most), one upon the other, in a grid of two voxels a side
+    Bound: Weights are exact: 2^31 samples of at most 2^31 stay below 2^62 (6.3). A colour is a quotient of two sums in
+    binary64, off by 2^-29 of itself at most after 2^24 samples, and kept in binary32: 256 levels times 2^-23 in all.
+    """
     copies, level = draw.size(20_000, 1_000_000, 10_000_000), draw.real(0.05, 1)
     shift = draw.integer(0, 3000)
     square = np.array([[0, 0, 0], [4095, 0, 0], [4095, 4095, 0], [0, 4095, 0]], np.int64)
@@ -98,19 +126,19 @@ def coplanar_duplicates(draw: Draws) -> float:
     return float(max(np.abs(a.astype(np.float64) - b).max() for a, b in zip(got, want, strict=True)))
 
 
-# What a point asks
-
-
-
-
 def beside(draw: Draws, value: float) -> float:
     """A number, or the one just below or above it."""
     way = draw.integer(-1, 1)
     return float(np.nextafter(value, np.inf * way)) if way else value
 
 
+@case("voxels asked on boundaries", 0.01, "levels", seeds=40)
 def asked_voxels(draw: Draws) -> float:
-    """Error in levels of an answer at faces, edges, corners and centres of voxels and an ulp beside them."""
+    """Error in levels of an answer at faces, edges, corners and centres of voxels and an ulp beside them.
+    Stress: answers on faces, edges, corners and centres of voxels and an ulp beside them
+    Bound: The clause allows 0.01 (8.2): weights are products of binary64 differences, off by 2^-50, and the answer is rounded
+    to binary32. Of voxels equally near, either may answer.
+    """
     size = draw.integer(1, 4)
     chosen = draw.integers((draw.integer(1, 12), 3), 0, size - 1)
     keys = np.unique([oracles.morton(*map(int, v)) for v in chosen])
@@ -146,15 +174,26 @@ def texel_face(draw: Draws) -> tuple[np.ndarray, tuple, int]:
     return corners, size, fraction
 
 
+@case("texels on boundaries", 0, "texels that differ", seeds=40)
 def asked_of_texels(draw: Draws) -> float:
-    """Texels that are asked and should not be, or the other way round."""
+    """Texels that are asked and should not be, or the other way round.
+    Stress: faces on corners, sides and centres of texels, tiled, mirrored, lines and points
+    Bound: The columns of a row are quotients of integers below 2^57 (6.5), rounded the way that leaves the border of the open
+    square out.
+    """
     corners, size, fraction = texel_face(draw)
     support, field = support_of(draw, corners, size, fraction)
     return float(len(set(support.keys.tolist()) ^ set(naive.asked_texels([corners.tolist()], field))))
 
 
+@case("texels asked on boundaries", 0.01, "levels", seeds=40)
 def answers_of_texels(draw: Draws) -> float:
-    """Error in levels of a bilinear answer on sides and centres of texels and an ulp beside them, at any level of detail."""
+    """Error in levels of a bilinear answer on sides and centres of texels and an ulp beside them, at any level of detail.
+    Stress: answers on sides and centres of texels and an ulp beside them, at four levels of detail
+    Bound: As for voxels (8.2.2). A point beside the asked one counts as well (8.2): coarse levels jump where a tiled image of
+    odd width begins again, and rounding brings -5e-324 to one side of that. A point of the face always weighs a texel that is
+    there, and where an ulp has left none the answer is not compared.
+    """
     corners, size, fraction = texel_face(draw)
     full, field = support_of(draw, corners, size, fraction)
     support = full.coarser(draw.integer(0, 3))
@@ -176,54 +215,7 @@ def answers_of_texels(draw: Draws) -> float:
     return worst
 
 
-EXACT = "voxels or weights that differ"
-CASES = (
-    Case("every K, any shape", GROUP,
-         "random, flat, linear and point faces at K = 1 to 64 and powers of two to 8192, 8 to 20 position bits, one to three "
-         "threads",
-         0, EXACT,
-         "Clause 6 is integer arithmetic below 2^62 (clause 10: cross products < 2^60, sums of squares < 2^62), so the kernel "
-         "and unlimited integers agree; sums over faces know no order or slabs.",
-         every_resolution, 20),
-    Case("voxel boundaries", GROUP,
-         "corners on boundaries of voxels and a lattice step beside them",
-         0, EXACT,
-         "6.1 rounds down to 1/65536 voxel without a float, and a sample on a boundary belongs to the upper voxel (6.3).",
-         on_voxel_boundaries, 20),
-    Case("slivers are covered", GROUP,
-         "points of faces of an aspect to 10^6, the finest that a lattice holds, from the nearest voxel of the face",
-         2, "voxels",
-         "Rows lie at most half a voxel apart and samples in a row as well (6.2, 6.3), a row may begin up to one voxel inside a "
-         "slanted side, and slivers have rows on their edge instead: in all at most two voxels.",
-         uncovered_sliver, 30),
-    Case("integer roots", GROUP,
-         "roots of squares to 2^62 and two beside them",
-         0, "wrong roots",
-         "The digits of the root are found one by one in integers (4.1), so no float rounds.",
-         area_of_crossed_edges, 200),
-    Case("coplanar duplicates", GROUP,
-         "a million copies of a face (ten with --most), one upon the other, in a grid of two voxels a side",
-         1e-4, "levels",
-         "Weights are exact: 2^31 samples of at most 2^31 stay below 2^62 (6.3). A colour is a quotient of two sums in binary64, "
-         "off by 2^-29 of itself at most after 2^24 samples, and kept in binary32: 256 levels times 2^-23 in all.",
-         coplanar_duplicates, 2, False, True),
-    Case("voxels asked on boundaries", GROUP,
-         "answers on faces, edges, corners and centres of voxels and an ulp beside them",
-         0.01, "levels",
-         "The clause allows 0.01 (8.2): weights are products of binary64 differences, off by 2^-50, and the answer is rounded "
-         "to binary32. Of voxels equally near, either may answer.",
-         asked_voxels, 40),
-    Case("texels on boundaries", GROUP,
-         "faces on corners, sides and centres of texels, tiled, mirrored, lines and points",
-         0, "texels that differ",
-         "The columns of a row are quotients of integers below 2^57 (6.5), rounded the way that leaves the border of the open "
-         "square out.",
-         asked_of_texels, 40),
-    Case("texels asked on boundaries", GROUP,
-         "answers on sides and centres of texels and an ulp beside them, at four levels of detail",
-         0.01, "levels",
-         "As for voxels (8.2.2). A point beside the asked one counts as well (8.2): coarse levels jump where a tiled image of "
-         "odd width begins again, and rounding brings -5e-324 to one side of that. A point of the face always weighs a texel "
-         "that is there, and where an ulp has left none the answer is not compared.",
-         answers_of_texels, 40),
-)
+@pytest.mark.parametrize("hard", [*case], ids=lambda hard: hard.name)
+def test_no_trial_of_a_case_is_worse_than_its_bound(hard):
+    worst = hard.worst()
+    assert worst.value <= hard.bound, worst

@@ -1,4 +1,4 @@
-"""Meshes of any number of faces as GLB, for load_faces.py: a scan with an image or with vertex colours, and inputs that are
+"""Meshes of any number of faces as GLB, for tests/load: a scan with an image or with vertex colours, and inputs that are
 hard for an encoder. All are made by code from the number of faces; the same number gives the same bytes."""
 
 from io import BytesIO

@@ -1,6 +1,8 @@
-"""Cases of what a renderer and a metric see: normals, tangents, SSIM."""
+"""Bounds of what a renderer and a metric see: normals, tangents, SSIM."""
 
 import numpy as np
+import pytest
+from bounds import Draws, Group
 
 from oracles import ssim as naive_ssim
 from texfcodec.geometry.shading_normals import corner_normals
@@ -8,9 +10,9 @@ from texfcodec.geometry.tangents import corner_tangents, has_uv_area
 from texfcodec.metrics.ssim import C1, ssim, ssim_gradient
 from texfcodec.render.tangent_frames import deviated_normals, tangent_space_normals, usable_normals
 from texfcodec.scene.normal_rule import AREA, JOINED, NormalRule
-from tools.proof.stability.case import Case, Draws
 
-GROUP = "Normals, tangents, similarity"
+case = Group("Normals, tangents, similarity")
+
 ODD = (0.0, -0.0, 1.0, np.nan, np.inf, -np.inf, 1e-45, 1e-30, 1e30, 3e38)
 
 
@@ -41,9 +43,15 @@ def pole(draw: Draws) -> tuple:
     return positions * scale, faces, uv, normal
 
 
+@case("tangents at poles", 2e-07, "of length 1", seeds=30)
 def frames_at_poles(draw: Draws) -> float:
-    """How far a tangent is from length 1, or from being orthogonal to a normal of length 1; infinite with another sign than 1 and
-    -1. A face whose UVs have no area has none."""
+    """How far a tangent is from length 1, or from being orthogonal to a normal of length 1; infinite with another sign than 1
+    and -1. A face whose UVs have no area has none.
+    Stress: fans around a pole at any height and scale; UVs without area, huge, tiny or not finite; normals of zero length or
+    not finite
+    Bound: Tangents are made unit and orthogonal in binary64 after their largest component is brought to 1, and rounded once
+    to binary32: each component is off by 2^-25, a vector by less than 2^-24.
+    """
     positions, faces, uv, normal = pole(draw)
     got = corner_tangents(positions, faces, uv, normal).astype(np.float64)
     area = has_uv_area(uv)
@@ -58,8 +66,13 @@ def frames_at_poles(draw: Draws) -> float:
     return float(max(np.abs(np.linalg.norm(along, axis=2) - 1).max(), across.max()))
 
 
+@case("normals of thin faces", 0.0243, "degrees", seeds=40)
 def normals_of_faces(draw: Draws) -> float:
-    """Degrees between the normal of a flat face and the cross product of its edges in unlimited integers."""
+    """Degrees between the normal of a flat face and the cross product of its edges in unlimited integers.
+    Stress: faces and slivers of any shape on a lattice of 20 bits
+    Bound: Products of the cross product are below 2^41 and exact in binary64. A unit normal is rounded to steps of 1/2048:
+    off by at most sqrt(3) / 4096, 0.0242 degrees, of the half degree that 8.4 allows. A face without area is told (+z).
+    """
     lattice = draw.integers((3, 3), 0, (1 << 20) - 1)
     if draw.pick((True, False)):  # a sliver
         lattice[2] = np.clip(lattice[0] + (lattice[1] - lattice[0]) // 2 + draw.integers((3,), -1, 1), 0, (1 << 20) - 1)
@@ -82,8 +95,13 @@ def broken_vectors(draw: Draws, columns: int) -> np.ndarray:
     return odd.astype(np.float32)
 
 
+@case("normals of anything", 3e-07, "of length 1", seeds=30)
 def normals_of_anything(draw: Draws) -> float:
-    """How far a normal that is shaded with is from length 1, whatever the mesh and its maps hold."""
+    """How far a normal that is shaded with is from length 1, whatever the mesh and its maps hold.
+    Stress: zero, infinite, huge and tiny normals, tangents, maps and scales
+    Bound: A vector without a direction makes way for the next: map, interpolated normal, face, +z. What is divided by its
+    length in binary32 is off by a few parts in 2^24.
+    """
     normal, geometric, tangent = broken_vectors(draw, 3), broken_vectors(draw, 3), broken_vectors(draw, 4)
     texel = np.array(draw.reals((8, 2), 0, 255), np.float32)
     with np.errstate(all="ignore"):
@@ -93,9 +111,14 @@ def normals_of_anything(draw: Draws) -> float:
     return float(np.abs(length - 1).max()) if np.isfinite(length).all() else np.inf
 
 
+@case("SSIM of flat pictures", 0.002, "of SSIM", seeds=12)
 def flat_pictures(draw: Draws) -> float:
     """How far SSIM of two pictures of one colour each is from its formula, and with one of noise in place of a colour from the
-    double-precision oracle; infinite where its slope is not finite."""
+    double-precision oracle; infinite where its slope is not finite.
+    Stress: one colour each or against noise, black and white among them, 1 to 14 pixels a side, three types
+    Bound: Moments about mid grey are below 2^14 and summed over 22 taps in binary32: variances are off by at most 0.03, which
+    beside the constant C2 = 58.5 is 0.0005 each of two variances and twice the covariance.
+    """
     size, kind = draw.integer(1, 14), draw.pick((np.uint8, np.float32, np.float64))
     one, two = draw.pick((0, 255, draw.integer(0, 255))), draw.pick((0, 255, draw.integer(0, 255)))
     a, b = (np.full((size, size, 1), v, kind) for v in (one, two))
@@ -110,30 +133,7 @@ def flat_pictures(draw: Draws) -> float:
     return abs(ssim(a, b) - want) if np.isfinite(slope).all() else np.inf
 
 
-CASES = (
-    Case("tangents at poles", GROUP,
-         "fans around a pole at any height and scale; UVs without area, huge, tiny or not finite; normals of zero length or not "
-         "finite",
-         2e-07, "of length 1",
-         "Tangents are made unit and orthogonal in binary64 after their largest component is brought to 1, and rounded once to "
-         "binary32: each component is off by 2^-25, a vector by less than 2^-24.",
-         frames_at_poles, 30),
-    Case("normals of thin faces", GROUP,
-         "faces and slivers of any shape on a lattice of 20 bits",
-         0.0243, "degrees",
-         "Products of the cross product are below 2^41 and exact in binary64. A unit normal is rounded to steps of 1/2048: off "
-         "by at most sqrt(3) / 4096, 0.0242 degrees, of the half degree that 8.4 allows. A face without area is told (+z).",
-         normals_of_faces, 40),
-    Case("normals of anything", GROUP,
-         "zero, infinite, huge and tiny normals, tangents, maps and scales",
-         3e-07, "of length 1",
-         "A vector without a direction makes way for the next: map, interpolated normal, face, +z. What is divided by its "
-         "length in binary32 is off by a few parts in 2^24.",
-         normals_of_anything, 30),
-    Case("SSIM of flat pictures", GROUP,
-         "one colour each or against noise, black and white among them, 1 to 14 pixels a side, three types",
-         0.002, "of SSIM",
-         "Moments about mid grey are below 2^14 and summed over 22 taps in binary32: variances are off by at most 0.03, which "
-         "beside the constant C2 = 58.5 is 0.0005 each of two variances and twice the covariance.",
-         flat_pictures, 12),
-)
+@pytest.mark.parametrize("hard", [*case], ids=lambda hard: hard.name)
+def test_no_trial_of_a_case_is_worse_than_its_bound(hard):
+    worst = hard.worst()
+    assert worst.value <= hard.bound, worst

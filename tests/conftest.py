@@ -3,7 +3,7 @@
 import importlib
 import sys
 import tomllib
-from collections import defaultdict
+from collections import Counter, defaultdict
 from functools import partial
 from pathlib import Path
 
@@ -26,6 +26,13 @@ def pytest_collection_modifyitems(items):
         kept = {i * len(found) // wanted for i in range(wanted)} if wanted else set()
         for i, item in enumerate(found if wanted is not None else ()):
             item.add_marker("long" if i in kept or wanted >= len(found) else "slow")
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Skipped tests, counted by their reason."""
+    counts = Counter(report.longrepr[2].removeprefix("Skipped: ") for report in terminalreporter.getreports("skipped"))
+    for reason, count in counts.most_common():
+        terminalreporter.write_line(f"{count} skipped: {reason}")
 
 
 @pytest.fixture(scope="session")

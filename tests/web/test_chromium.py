@@ -2,26 +2,26 @@
 
 import json
 import os
-import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import BROWSER, needs_browser
 from shapes import mapped_sheet
+from test_js_package import NODE, needs_node
 
 from texfcodec import EncodeOptions, decode
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.io.save import save
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-NODE, BROWSER = shutil.which("node"), os.environ.get("CHROMIUM") or shutil.which("chromium")
 MODULES = all((REPOSITORY / "js/node_modules" / name).is_dir() for name in ("three", "playwright-core"))
-pytestmark = pytest.mark.skipif(not (NODE and BROWSER and MODULES), reason="no node, no Chromium or no js/node_modules")
+pytestmark = [needs_node, needs_browser, pytest.mark.skipif(not MODULES, reason="no js/node_modules: npm install in js/")]
 
 
 def run_in_chromium(script, *words):
-    call, environment = [NODE, f"../proof/chromium/{script}", *words], os.environ | {"CHROMIUM": BROWSER}
+    call, environment = [NODE, f"../tools/proof/chromium/{script}", *words], os.environ | {"CHROMIUM": BROWSER}
     return subprocess.run(call, cwd=REPOSITORY / "js", env=environment, capture_output=True, text=True, timeout=300)
 
 
@@ -43,7 +43,7 @@ def test_saturated_texels_are_filtered_in_linear_light_as_those_of_the_decoded_g
     (tmp_path / "checker.texf").write_bytes(data)
     save(decode(data), tmp_path / "checker.glb", texture_format="png")
     environment = os.environ | {"CHROMIUM": BROWSER}
-    run = subprocess.run([NODE, "../proof/texf_three.mjs", tmp_path, "checker"], cwd=REPOSITORY / "js", env=environment,
+    run = subprocess.run([NODE, "../tools/proof/texf_three.mjs", tmp_path, "checker"], cwd=REPOSITORY / "js", env=environment,
                          capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stdout + run.stderr
     assert json.loads(run.stdout.splitlines()[0])["psnr"] > 32, run.stdout

@@ -93,14 +93,6 @@ def test_ssim_gradient_is_that_of_finite_differences(shape):
     assert single.dtype == np.float32 and np.abs(single - gradient).max() < 1e-3 * largest
 
 
-def test_a_step_up_the_gradient_raises_ssim():
-    a, b = (v.astype(np.float32) for v in noisy_pair(64, 64))
-    for _ in range(3):
-        before, gradient = ssim_gradient(a, b)
-        b = b + np.float32(3.0 / np.abs(gradient).max()) * gradient
-        assert ssim(a, b) > before
-
-
 @pytest.mark.parametrize("a, b, mask, word", [
     (np.zeros((5, 5, 3)), np.zeros((5, 4, 3)), None, "H, W, C"), (np.zeros((5, 5)), np.zeros((5, 5)), None, "H, W, C"),
     (np.zeros((0, 5, 3)), np.zeros((0, 5, 3)), None, "empty"), (np.zeros((5, 5, 3)),) * 2 + (np.ones((4, 5)), "mask"),

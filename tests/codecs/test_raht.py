@@ -16,7 +16,6 @@ from texfcodec.codecs.raht.codewords import codeword_count, level_count
 from texfcodec.codecs.raht.coefficients.blocks import _plane_energy
 from texfcodec.codecs.raht.entropy.contexts import (
     CONTEXTS,
-    _class,
     _classes,
     _dec_magnitude,
     _enc_magnitude,
@@ -25,7 +24,6 @@ from texfcodec.codecs.raht.entropy.contexts import (
 )
 from texfcodec.codecs.raht.entropy.range_coder import (
     PENDING,
-    POS,
     _dec_bit,
     _dec_bypass,
     _enc_bit,
@@ -363,11 +361,6 @@ def test_the_price_of_a_magnitude_is_its_bins_in_fresh_contexts(magnitude):
 # Surroundings and energies
 
 
-def test_energy_classes_are_the_specifications():
-    limits = [0, 1, 3, 6, 12, 28]
-    assert [_class(e) for e in range(256)] == [sum(e > limit for limit in limits) for e in range(256)]
-
-
 @pytest.mark.parametrize("planar", [0, 1])
 @pytest.mark.parametrize("seed", range(3))
 def test_surroundings_are_the_oracles_for_every_block_and_plane(seed, planar):
@@ -435,28 +428,16 @@ def test_the_decoder_has_what_the_encoder_predicts_at_depth(depth, components):
     assert len(coded_unit.codewords) == (1 if depth else 0) and [len(b) for b in coded_unit.level_bytes] == [depth] * (depth > 0)
 
 
-@pytest.mark.parametrize("qp", [0, 4, 28, 51, 63])
+@pytest.mark.parametrize("qp", [0, 10, 63])
 @pytest.mark.parametrize("components", [1, 3])
-def test_every_level_keeps_the_root_mean_within_two_ulp_a_level(qp, components):
+def test_every_node_is_the_mean_of_its_voxels_within_two_ulp_a_level(components, qp):
     keys, depth = surface_keys(5), 5
     values = smooth_values(keys, components)
-    coded_unit, _ = round_trip(keys, depth, values, [qp] * components)
-    exact_mean = values.astype(np.int64).sum(axis=0) / len(keys)
-    assert np.abs(np.array(coded_unit.root) - exact_mean).max() <= 0.5
+    coded_unit, voxels = round_trip(keys, depth, values, [qp] * components)
+    assert np.abs(np.array(coded_unit.root) - values.astype(np.int64).mean(axis=0)).max() <= 0.5
     for stop in range(depth + 1):
-        means = decode(keys, depth, coded_unit, stop)
-        _, weight = node_sums(values, keys, 3 * (depth - stop))
-        drift = (means.astype(np.int64) * weight).sum(axis=0) / len(keys) - np.array(coded_unit.root)
-        assert np.abs(drift).max() <= ULP_PER_LEVEL * stop
-
-
-@pytest.mark.parametrize("stop", range(5))
-def test_every_node_is_the_mean_of_its_voxels_within_two_ulp_a_level(stop):
-    keys, depth = surface_keys(5), 5
-    coded_unit, voxels = round_trip(keys, depth, smooth_values(keys, 3), [10] * 3)
-    sums, weight = node_sums(voxels, keys, 3 * (depth - stop))
-    means = decode(keys, depth, coded_unit, stop)
-    assert np.abs(sums / weight - means).max() <= ULP_PER_LEVEL * (depth - stop)
+        sums, weight = node_sums(voxels, keys, 3 * (depth - stop))
+        assert np.abs(sums / weight - decode(keys, depth, coded_unit, stop)).max() <= ULP_PER_LEVEL * (depth - stop)
 
 
 def test_a_tree_of_thirteen_levels_without_residual_drifts_by_less_than_seven_ulp():
@@ -488,17 +469,6 @@ def test_a_single_outlier_comes_back_within_a_few_levels_and_nothing_else_moves_
     assert np.abs(means - values).max() <= bound * UNIT
 
 
-@pytest.mark.parametrize("qp", [0, 63])
-@pytest.mark.parametrize("components", [1, 3])
-def test_extreme_steps_on_noise_of_full_range_stay_in_step(qp, components):
-    keys = surface_keys(5)
-    values = (np.random.default_rng(qp).integers(0, 2, (len(keys), components)) * 255 * UNIT).astype(np.int32)
-    _, means = round_trip(keys, 5, values, [qp] * components)
-    assert np.abs(means).max() <= MAX_MEAN
-    if qp == 0:
-        assert np.abs(means - values).max() <= 2 * UNIT
-
-
 def test_qp_4_which_is_step_1_errs_by_at_most_4_levels_on_noise():
     """Half a step a coefficient, and what rate-distortion optimisation takes: 3.0 measured."""
     keys = surface_keys(5)
@@ -506,16 +476,6 @@ def test_qp_4_which_is_step_1_errs_by_at_most_4_levels_on_noise():
         _, means = round_trip(keys, 5, values, [4] * 3)
         assert np.abs(means - values).max() <= 4 * UNIT
         assert np.abs(means - values).mean() <= 0.5 * UNIT
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 9])
-@pytest.mark.parametrize("depth", [0, 1, 7, 13])
-def test_very_few_voxels_come_back(count, depth):
-    keys = random_keys(np.random.default_rng(count), depth, count)
-    values = np.random.default_rng(7).integers(0, 255 * UNIT, (len(keys), 3)).astype(np.int32)
-    coded_unit, means = round_trip(keys, depth, values, [4] * 3)
-    assert np.abs(means - values).max() <= 3 * UNIT
-    assert depth or (b"".join(coded_unit.codewords) == b"" and means.tolist() == [coded_unit.root])
 
 
 @settings(deadline=None, max_examples=40)
@@ -604,9 +564,3 @@ def test_a_voxels_transform_does_not_depend_on_the_other_voxels():
 def test_plain_values_come_back_and_are_clipped():
     np.testing.assert_array_equal(inverse_plain(forward_plain(np.arange(256)[:, None]))[:, 0], np.arange(256))
     assert inverse_plain(np.array([[-MAX_MEAN], [MAX_MEAN], [2047], [2048]], np.int32))[:, 0].tolist() == [0, 255, 0, 1]
-
-
-def test_positions_of_a_fresh_decoder_are_past_its_first_four_bytes():
-    data = np.frombuffer(b"\x01\x02\x03\x04\x05", np.uint8)
-    assert int(new_decoder(data, 0, 5)[POS]) == 4 and int(new_decoder(data, 0, 5)[0]) == 0x01020304
-    assert int(new_decoder(data, 3, 5)[0]) == 0x04050000

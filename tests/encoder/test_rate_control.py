@@ -10,7 +10,6 @@ from scipy.ndimage import gaussian_filter
 from shapes import painted_sphere
 
 from texfcodec import EncodeOptions, InputError, Report, decode, inspect
-from texfcodec.api import encode_loaded
 from texfcodec.codecs.base import Group
 from texfcodec.encoder.memo import Memo
 from texfcodec.encoder.pipeline import code, encode_scene
@@ -274,8 +273,3 @@ def test_measurement_of_a_known_error():
     scene.materials[0].factor[3], scene.materials[0].alpha_mode = 0.5, 2
     texf.groups = (Group((BASE_COLOUR,)), Group((ALPHA,)))
     assert math.isclose(measure(scene, texf, 5000)["rgb"], off["rgb"], rel_tol=1e-6)
-
-
-def test_a_budget_of_bytes_is_searched_for():
-    made = encode_loaded(painted_sphere(4), EncodeOptions(target_bytes=3000, resolution=16, threads=1), Report())
-    assert len(made.data) <= 3000

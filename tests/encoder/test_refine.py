@@ -38,8 +38,8 @@ def surfaces_of(scene, resolution, **choices):
 
 
 @pytest.fixture(scope="module")
-def textured(sample_scene):
-    return surfaces_of(sample_scene, 128, partition="off")
+def textured():
+    return surfaces_of(painted_sphere(), 64, partition="off")
 
 
 def needles(count=40):
@@ -103,13 +103,14 @@ def test_condition_number_on_slivers_and_lonely_voxels_keeps_its_bound():
     assert np.isfinite(fitted).all() and fitted.min() >= 0 and fitted.max() <= 255
 
 
-def test_a_fit_that_is_worse_is_not_kept(sample_scene, monkeypatch):
+def test_a_fit_that_is_worse_is_not_kept(monkeypatch):
     from texfcodec.encoder import source_field as preparing
     from texfcodec.encoder.optimise import refinement
 
     monkeypatch.setattr(preparing, "FITTED_DENSITY", preparing.TRANSFER_DENSITY["balanced"])
     monkeypatch.setattr(refinement, "fit_surface", lambda surface, colour, *_, **__: 255 - colour)
-    one, other = (encode_scene(sample_scene, EncodeOptions(resolution=64, qp=28, refine=kind)).data for kind in ("fit", "off"))
+    options = EncodeOptions(resolution=64, qp=28)
+    one, other = (encode_scene(painted_sphere(), options.changed(refine=kind)).data for kind in ("fit", "off"))
     assert one == other
 
 

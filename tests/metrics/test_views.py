@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from batches import write_ball
 from shapes import painted_sphere, scene_of, square
 
 from texfcodec import EncodeOptions, InputError, decode
@@ -369,15 +370,7 @@ def files(tmp_path_factory):
     from texfcodec import encode
 
     folder = tmp_path_factory.mktemp("eval")
-    ball = painted_sphere(6)
-    colours = np.zeros((len(ball.positions), 4))
-    colours[ball.faces.ravel()] = ball.corner_color.reshape(-1, 4)
-    head = f"ply\nformat ascii 1.0\nelement vertex {len(colours)}\n" + "".join(f"property float {c}\n" for c in "xyz")
-    head += "".join(f"property uchar {c}\n" for c in ("red", "green", "blue")) + f"element face {len(ball.faces)}\n"
-    rows = [f"{x} {y} {z} {r} {g} {b}" for (x, y, z), (r, g, b) in
-            zip(ball.positions, (255 * colours[:, :3]).astype(int), strict=True)]  # fmt: skip
-    rows += [f"3 {a} {b} {c}" for a, b, c in ball.faces]
-    (folder / "ball.ply").write_text(head + "property list uchar int vertex_indices\nend_header\n" + "\n".join(rows) + "\n")
+    write_ball(folder)
     data = encode(folder / "ball.ply", EncodeOptions(resolution=32, qp=24))
     (folder / "ball.texf").write_bytes(data)
     decode(data).save(folder / "ball.glb", texture_size=64)

@@ -13,7 +13,8 @@ TOOLS = ("texf-enc", "texf-dec", "texf-info", "texf-validate", "texf-render", "t
 _FENCE = re.compile(r"^(```|~~~).*?^\1[^\n]*$", re.M | re.S)
 _BLOCK = re.compile(r"<!-- .*? -->\n.*?<!-- end -->|<!--.*?-->", re.S)
 _LINK = re.compile(r"(!?)\[([^]]*)\]\(([^)\s]+)\)")
-_ITEM = re.compile(r"^\s*(?:[-*]|\d+\.) ")
+_ITEM = re.compile(r"^\s*(?:[-*]|\d+\.) ", re.M)
+_ASIDE = re.compile(r"^(?:#|\||!|    |\s*[-*] `).*$", re.M)
 _SENTENCE_END = re.compile(r"(?<=[.!?])[)\"']?\s+(?=[\"'(`*A-Z0-9]|texf|three\.js)")
 
 
@@ -54,33 +55,13 @@ def anchors_of(text):
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-def paragraphs(text):
-    """The prose of a page: paragraphs and items of lists. No code, tables, headings, generated blocks, lists of options."""
-    text = _BLOCK.sub("", _FENCE.sub("", text))
-    for block in re.split(r"\n\s*\n", text):
-        lines = block.strip("\n").splitlines()
-        if not lines or lines[0].startswith(("#", "|", "!", "    ")):
-            continue
-        for item in _items(lines):
-            if not re.match(r"\s*[-*] `", item):
-                yield " ".join(_ITEM.sub("", item, count=1).split())
-
-
-def _items(lines):
-    """A block of lines as the paragraphs that it holds: one, or one for each item of a list."""
-    found = [""]
-    for line in lines:
-        if _ITEM.match(line):
-            found.append("")
-        found[-1] += line + " "
-    return [item for item in found if item.strip()]
-
-
 def sentences(text):
-    """Sentences of a page's prose; a piece of code is a word, a link as many as it shows."""
-    for paragraph in paragraphs(text):
-        plain = re.sub(r"`[^`]*`", "X", _LINK.sub(r"X\2", paragraph))
-        yield from (sentence for sentence in _SENTENCE_END.split(plain) if words_in(sentence))
+    """Sentences of a page's prose; a piece of code is a word, a link as many as it shows. No code, tables, headings, generated
+    blocks, lists of options."""
+    text = _ASIDE.sub("", _BLOCK.sub("", _FENCE.sub("", text)))
+    text = re.sub(r"`[^`]*`", "X", _LINK.sub(r"X\2", _ITEM.sub("\n\n", text)))
+    parts = [part for block in re.split(r"\n\s*\n", text) for part in _SENTENCE_END.split(" ".join(block.split()))]
+    return [part for part in parts if words_in(part)]
 
 
 def words_in(sentence):

@@ -1,6 +1,5 @@
 """The 3DNTC fit: its gradient, its promises (seed, checkpoint, budget) and what the integers cost against floats."""
 
-import json
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -172,12 +171,6 @@ def test_parameters_survive_joining_and_splitting():
     assert all(np.array_equal(a, b) for a, b in zip(weights + biases, again[0] + again[1], strict=True))
 
 
-@pytest.mark.parametrize("components", [3, 4])
-def test_alpha_is_an_output_like_the_others(components):
-    fit = plane_fit(components=components)
-    assert fit.run(20).widths[-1] == components
-
-
 # The whole way.
 
 
@@ -252,9 +245,3 @@ def test_pictures_and_queries_ask_the_payload_itself(sample_scene):
     voxels = render_texf(texf, camera, filtering=False)
     errors = [np.mean((picture.image().astype(float) - source.image()) ** 2) for picture in (shown, voxels)]
     assert errors[0] < 0.7 * errors[1]
-
-
-def test_facts_of_the_fit_are_json(sample_scene):
-    _, facts = encoded(sample_scene, resident_bytes=60_000, steps=20)
-    told = json.loads(json.dumps({"fit": facts["fit"], "resident": facts["resident"]}))
-    assert told["fit"]["steps"] == 20 and told["fit"]["log"][-1]["step"] == 20

@@ -189,13 +189,6 @@ def test_planar_residuals_keep_their_bound_and_decode_as_by_the_naive_decoder(de
     assert made.tobytes() == decoded_image(keys, 5, coded).tobytes() == decode_values(naive_unit(coded, 5), keys.tolist())
 
 
-def test_bytes_do_not_depend_on_threads():
-    keys = island_keys(6)
-    with sliced():
-        one, two = (coded_image(keys, 6, texture(keys, 3), Tools(models=8, filters=2, **ALL), threads=t) for t in (1, 3))
-    assert one[0].codewords == two[0].codewords and len(one[0].codewords) > 2 and np.array_equal(one[1], two[1])
-
-
 @pytest.mark.parametrize("tool", ["planar_transform", "component_cross"])
 def test_each_tool_saves_bytes_on_stripes_whose_components_go_together(tool):
     """Bits and error, weighed as the encoder weighs them."""

@@ -37,7 +37,7 @@ from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain
 from texfcodec.codecs.raht.transform.octree import Nodes, Octree, build_octree
 from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL, Means, _predict, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_DIFFERENCE, MAX_MEAN, STEP_TABLE, _dequantise, step_of
-from texfcodec.codecs.raht.transform.raht import _forward, _inverse, _tree_weights, _weighted_mean
+from texfcodec.codecs.raht.transform.raht import _inverse, _tree_weights, _weighted_mean
 from texfcodec.errors import StreamError
 from texfcodec.field.extents import octree_depth
 from texfcodec.field.morton import encode_morton
@@ -168,15 +168,10 @@ MAGNITUDE = st.one_of(st.integers(-(1 << 25), 1 << 25), st.integers(-20, 20))
 
 @settings(deadline=None, max_examples=400)
 @given(MAGNITUDE, st.integers(0, 63), WEIGHT, WEIGHT)
-def test_differences_are_the_oracles_and_near_the_exact_ones(q, qp, w1, w2):
-    """Off by at most half a unit and the part in gain that its rounding down loses; clipped below 2**22."""
+def test_differences_are_the_oracles(q, qp, w1, w2):
+    """How far they are off stands in test_transform_bounds.py."""
     got = int(_dequantise(q, step_of(qp), w1, w2))
-    assert got == oracles.dequantise(q, step_of(qp), w1, w2)
-    assert abs(got) <= MAX_DIFFERENCE
-    if abs(got) < MAX_DIFFERENCE and abs(q) < 1 << 22:
-        exact = math.sqrt(oracles.exact_difference_squared(q, step_of(qp), w1, w2))
-        gain = math.sqrt((w1 + w2) / (w1 * w2)) * 2**17
-        assert exact * (1 - 1 / gain) - 0.51 <= abs(got) <= exact + 0.51
+    assert got == oracles.dequantise(q, step_of(qp), w1, w2) and abs(got) <= MAX_DIFFERENCE
 
 
 # Transform
@@ -225,22 +220,6 @@ def test_a_block_without_coefficients_keeps_its_mean_within_half_an_ulp(weights,
     got, total = rebuilt(weights, [0] * 7, mean, predicted, step_of(30)), sum(weights.values())
     assert got == oracles.inverse(weights, {}, mean, by_octant(predicted, weights), step_of(30))
     assert abs(sum(Fraction(weights[o] * got[o], total) for o in weights) - mean) <= Fraction(1, 2)
-
-
-@settings(deadline=None, max_examples=100)
-@given(BLOCK, st.lists(st.integers(-(1 << 20), 1 << 20), min_size=8, max_size=8), st.integers(0, 63))
-def test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain(weights, residual, qp):
-    """From 4096 voxels on the encoder divides by the gain that the decoder multiplies by, which is rounded down."""
-    scaled, tree = np.zeros((7, 1)), oracles.halves(weights)
-    _forward(tree_of(weights), np.array(residual, np.float64)[:, None], 0, np.zeros(15), scaled, float(step_of(qp)))
-    expected = oracles.forward(weights, by_octant(residual, weights))
-    for node in range(7):
-        sign, square = expected.get(node, (0, Fraction(0)))
-        exact = sign * math.sqrt(square) / step_of(qp)
-        if expected.get(node) and tree[node] >= 4096:
-            gain = (tree[node] << 34) / (tree[2 * node + 1] * tree[2 * node + 2])
-            exact *= math.sqrt(gain) / math.isqrt(int(gain))
-        assert scaled[node, 0] == pytest.approx(exact, rel=1e-9, abs=1e-6)
 
 
 # Range coder
@@ -438,44 +417,6 @@ def test_every_node_is_the_mean_of_its_voxels_within_two_ulp_a_level(components,
     for stop in range(depth + 1):
         sums, weight = node_sums(voxels, keys, 3 * (depth - stop))
         assert np.abs(sums / weight - decode(keys, depth, coded_unit, stop)).max() <= ULP_PER_LEVEL * (depth - stop)
-
-
-def test_a_tree_of_thirteen_levels_without_residual_drifts_by_less_than_seven_ulp():
-    """QP 63 leaves no coefficient of these values: half an ulp per level."""
-    keys = random_keys(np.random.default_rng(5), 13, 3000)
-    values = (100 * UNIT + np.random.default_rng(6).integers(-UNIT, UNIT, (len(keys), 1))).astype(np.int32)
-    coded_unit, means = round_trip(keys, 13, values, [63])
-    assert sum(map(len, coded_unit.codewords)) <= 120
-    assert abs(means.astype(np.int64).sum() / len(keys) - coded_unit.root[0]) <= 6.5
-
-
-@pytest.mark.parametrize("depth", [1, 5, 13])
-@pytest.mark.parametrize("value", [0, 1, 255])
-def test_constant_values_come_back_exactly_in_a_few_bytes(depth, value):
-    keys = random_keys(np.random.default_rng(depth), depth, 2000)
-    values = np.full((len(keys), 3), value * UNIT, np.int32)
-    coded_unit, means = round_trip(keys, depth, values, [28] * 3)
-    assert (means == value * UNIT).all()
-    assert sum(map(len, coded_unit.codewords)) <= 100
-
-
-@pytest.mark.parametrize("qp,bound", [(0, 2), (4, 3), (16, 8)])
-@pytest.mark.parametrize("base,spike", [(0, 255), (255, 0), (100, 101)])
-def test_a_single_outlier_comes_back_within_a_few_levels_and_nothing_else_moves_far(qp, bound, base, spike):
-    keys = surface_keys(5)
-    values = np.full((len(keys), 1), base * UNIT, np.int32)
-    values[len(keys) // 3] = spike * UNIT
-    _, means = round_trip(keys, 5, values, [qp])
-    assert np.abs(means - values).max() <= bound * UNIT
-
-
-def test_qp_4_which_is_step_1_errs_by_at_most_4_levels_on_noise():
-    """Half a step a coefficient, and what rate-distortion optimisation takes: 3.0 measured."""
-    keys = surface_keys(5)
-    for values in (smooth_values(keys, 3), np.random.default_rng(2).integers(0, 256, (len(keys), 3)).astype(np.int32) * UNIT):
-        _, means = round_trip(keys, 5, values, [4] * 3)
-        assert np.abs(means - values).max() <= 4 * UNIT
-        assert np.abs(means - values).mean() <= 0.5 * UNIT
 
 
 @settings(deadline=None, max_examples=40)

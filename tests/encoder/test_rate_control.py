@@ -10,7 +10,6 @@ from scipy.ndimage import gaussian_filter
 from shapes import painted_sphere
 
 from texfcodec import EncodeOptions, InputError, Report, decode, inspect
-from texfcodec.codecs.base import Group
 from texfcodec.encoder.memo import Memo
 from texfcodec.encoder.pipeline import code, encode_scene
 from texfcodec.encoder.plan import OverBudget, least_bytes, plan
@@ -32,7 +31,6 @@ from texfcodec.encoder.rate_control import (
 from texfcodec.metrics.psnr_3d import measure
 from texfcodec.metrics.views import Look, compare_views
 from texfcodec.render.environment import DAYLIGHT
-from texfcodec.scene.channels import ALPHA, BASE_COLOUR
 from texfcodec.scene.scene import ALPHA_BLEND, Material, Scene, Texture
 
 SAMPLES = 20_000
@@ -259,17 +257,3 @@ def test_estimate_is_within_a_half(ribbon):
     made = encode_scene(ribbon, options, report)
     voxels, seconds = estimate(ribbon, options)
     assert 0.5 < voxels / made.counts["voxels"] < 1.5 and seconds > 0
-
-
-def test_measurement_of_a_known_error():
-    positions, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
-    scene = Scene(positions, faces, np.zeros(1, np.int64), np.zeros((1, 3, 2)), None, [Material(factor=np.ones(4))], [])
-    texf = decode(encode_scene(scene, EncodeOptions(resolution=16, qp=4)).data)
-    exact = measure(scene, texf, 5000)
-    assert exact["samples"] == 5000 and (exact["rgb"] is None or exact["rgb"] > 130)  # trilinear weights are floats
-    texf.fields[0].rgba[:] -= 1
-    off = measure(scene, texf, 5000)
-    assert math.isclose(off["rgb"], 20 * math.log10(255), rel_tol=1e-6) and math.isclose(off["y"], off["rgb"], rel_tol=1e-6)
-    scene.materials[0].factor[3], scene.materials[0].alpha_mode = 0.5, 2
-    texf.groups = (Group((BASE_COLOUR,)), Group((ALPHA,)))
-    assert math.isclose(measure(scene, texf, 5000)["rgb"], off["rgb"], rel_tol=1e-6)

@@ -65,12 +65,6 @@ def test_fit_takes_most_of_the_error_at_points_it_has_not_seen():
     assert mse(surface, fit_surface(surface, colour, 2)) < 0.4 * mse(surface, colour)
 
 
-def test_fit_does_not_depend_on_the_threads(textured):
-    (surface,), (colour,) = textured
-    results = [fit_surface(surface, colour, threads) for threads in (1, 2, 5)]
-    assert all(np.array_equal(results[0], r) for r in results[1:])
-
-
 def dense_of(matrix):
     """The matrix of the fit, float64 [N, N], by scipy; its product and diagonal are those of scipy, bit for bit."""
     count = len(matrix.first) - 1
@@ -184,13 +178,6 @@ def test_inverse_rendering_lowers_the_loss_of_views_it_was_not_trained_on(textur
     judges = held_out(Pictures(surfaces, 99, 2, 128))
     before, after = (np.mean([v.loss(np.concatenate(c), 2)[1] for v in judges]) for c in (colours, refined))
     assert after < before
-
-
-def test_inverse_rendering_keeps_the_start_where_steps_only_harm(textured, monkeypatch):
-    surfaces, colours = textured
-    monkeypatch.setattr(inverse_render, "RATE", 1e4)
-    refined, log, kept = refine_by_rendering(surfaces, colours, 2, iterations=5, views=1, size=64)
-    assert kept == 0 and np.array_equal(refined[0], colours[0]) and len(log) > 1
 
 
 def test_looks_at_what_is_no_number_are_never_kept():

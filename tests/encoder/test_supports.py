@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from shapes import painted_sphere, scene_of
+from shapes import painted_sphere
 from walls import smooth_image, wall
 
 from texfcodec import EncodeOptions, InputError, LimitError, Limits, decode
@@ -335,11 +335,6 @@ def test_the_stream_is_the_same_on_any_number_of_threads():
 def test_warming_up_goes_over_texels_too():
     settings = [EncodeOptions(**small) for small in codec_of("raht").small]
     assert [encode_scene(small_scene(), one).counts["texels"] > 0 for one in settings].count(True) == 1
-
-
-def test_a_flat_mesh_without_images_or_area_is_as_before():
-    made = encode_scene(scene_of([[0, 0, 0], [1, 2, 3], [2, 4, 6]], [[0, 1, 2]]), EncodeOptions(rate="r01"))
-    assert made.counts["texels"] + made.counts["voxels"] > 0 and decode(made.data).faces.shape == (1, 3)
 
 
 def with_a_small_part(size, image):

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 from conftest import REPOSITORY
-from shapes import crossing_sheets
 
 from texfcodec import EncodeOptions, decode, inspect
 from texfcodec.encoder.pipeline import encode_scene
@@ -61,13 +60,6 @@ def test_lossless_texels_are_the_texture():
     texf = decode(encode_scene(scene, TEXELS).data)
     support = texf.fields[0].support
     assert np.array_equal(support.image(texf.fields[0].planes["base_colour"]), scene.textures[0].image[..., :3])
-
-
-def test_two_materials_with_one_image_are_one_field_and_their_units_two():
-    scene = crossing_sheets()
-    scene.materials[0].alpha_mode = scene.materials[1].alpha_mode
-    stream = decode(encode_scene(scene, TEXELS).data)
-    assert len(stream.fields) == 1 and [u.material for u in stream.units] == [0, 1]
 
 
 # What the tools say

@@ -15,14 +15,14 @@ from naive.attributes import de_interleave
 from naive.bits import Invalid, Reader, units_of
 from naive.decoder import decode as naive_decode
 from naive.decoder import decode_geometry, triangles_of_field
-from naive.neural import Neural, centre, fixed_point, hard_gelu, latent_keys, position_of, resident_row, transported_rows
+from naive.neural import Neural, centre, hard_gelu, latent_keys, position_of, resident_row, transported_rows
 from naive.syntax import read_neural
 from naive.syntax import read_stream as naive_stream
 from naive.voxels import active_voxels
 from texfcodec import DecodeOptions, EncodeOptions, Limits, StreamError, decode
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.codecs.neural import design
-from texfcodec.codecs.neural.infer import fixed_weights, infer, voxel_positions
+from texfcodec.codecs.neural.infer import infer, voxel_positions
 from texfcodec.codecs.neural.neural_syntax import NEURAL
 from texfcodec.codecs.neural.payload import Level, Payload, Tables, dec_codes, payload_of, payload_values
 from texfcodec.codecs.neural.transport import dec_transport
@@ -137,25 +137,6 @@ def test_a_position_outside_the_cube_is_no_question(outside):
     tables = Tables(random_payload("wide", 3, [()]), 0, [None])
     with pytest.raises(IndexError, match="outside the cube"):
         infer(np.array([[0, outside, 0]]), tables)
-
-
-@pytest.mark.parametrize("signs", [0, 1 << 15], ids=["positive", "negative"])
-def test_largest_parameters_and_latents_are_summed_like_by_the_oracle(signs):
-    payload = random_payload("largest", 4, [[1], [8], [1], []])
-    payload.halves[:] = (27 << 10) - 1 | signs
-    payload.codes[:] = 7
-    keys = [[[0]], [list(range(8))], [[2**39 - 1]], []]
-    positions = [[0, 0, 0], [LAST] * 3, [LAST, 0, 2**23], [2**22, 2**23, 2**21]]
-    tables = Tables(payload, 0, [np.array(own[0], np.int64) if own else None for own in keys])
-    oracle = oracle_of(payload, 0, 1, keys)
-    assert infer(np.array(positions), tables).tolist() == [oracle.answer(0, position) for position in positions]
-
-
-def test_every_parameter_becomes_the_oracles_fixed_point_number():
-    halves = np.array([sign << 15 | low for sign in (0, 1) for low in range(27 << 10)], np.uint16)
-    ours, exact = fixed_weights(halves), halves.view(np.float16).astype(np.float64) * 65536
-    assert ours.tolist() == [fixed_point(half) for half in halves.tolist()]
-    assert np.abs(ours - exact).max() <= 0.5 and np.abs(ours).max() < 1 << 28
 
 
 def test_hard_gelu_of_the_oracle_is_that_of_the_paper():

@@ -347,13 +347,10 @@ def with_a_small_part(size, image):
                    materials=[*big.materials, replace(small.materials[0], texture=1)], textures=[*big.textures, *small.textures])
 
 
-def test_voxels_that_are_not_there_are_no_alternative_for_a_small_part():
+def test_voxels_that_are_not_there_are_no_alternative_for_a_small_part_and_it_has_the_qp_of_the_rate():
+    """By its share alone its texels would be coded three QP coarser."""
     _, row = chosen(with_a_small_part(1e-4, noise_image(64, 64))).evidence["groups"]
     assert row["image"] == [64, 64] and row["voxels"]["psnr_y"] < 60
-
-
-def test_a_small_part_has_the_qp_of_the_rate():
-    """By its share alone its texels would be coded three QP coarser."""
     _, row = chosen(with_a_small_part(0.05, noise_image(32, 32))).evidence["groups"]
     assert row["image"] == [32, 32] and row["texels"]["qp_offset"] <= 1
 

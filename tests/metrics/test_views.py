@@ -2,11 +2,9 @@
 
 import json
 import math
-import subprocess
 import sys
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,9 +22,6 @@ from texfcodec.metrics.views import compare_views, mesh_psnr_3d
 from texfcodec.precompile import kernels_compiled, warm_up
 from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
 from texfcodec.render.shade import render_scene
-
-REPOSITORY = Path(__file__).resolve().parents[2]
-
 
 # Angles
 
@@ -444,13 +439,6 @@ def test_lpips_is_refused_before_any_work(call, files, monkeypatch):
     monkeypatch.setattr("texfcodec.io.load.load", lambda *a, **k: pytest.fail("loaded all the same"))
     code, _, err = call(files / "ball.ply", files / "ball.texf", *SMALL, "--lpips", files / "alex.pth")
     assert code == 2 and "texfcodec[lpips]" in err and err.count("\n") == 1
-
-
-def test_stream_may_come_from_stdin(files):
-    program = [sys.executable, "-m", "texfcodec.cli.eval", files / "ball.ply", "-", *SMALL, "--no-3d", "--json"]
-    with open(files / "ball.texf", "rb") as stream:
-        run = subprocess.run(program, cwd=REPOSITORY, stdin=stream, capture_output=True, check=False, timeout=120)
-    assert run.returncode == 0 and json.loads(run.stdout)["psnr"]["y"] > 20
 
 
 def test_empty_stream_is_a_coded_error(call, files):

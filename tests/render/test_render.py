@@ -737,18 +737,6 @@ def test_wrong_files_are_coded_errors(call, files, tmp_path):
     assert list(tmp_path.iterdir()) == [broken]
 
 
-def test_a_failing_rename_leaves_the_old_picture(call, files, tmp_path, monkeypatch):
-    target = tmp_path / "a.png"
-    target.write_bytes(b"old")
-
-    def fail(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("texfcodec.io.save.os.replace", fail)
-    code, _, err = call(files[1], target, "--size", "16")
-    assert code == 2 and "TXF-O03" in err and target.read_bytes() == b"old" and list(tmp_path.iterdir()) == [target]
-
-
 def test_a_view_without_anything_is_a_warning(call, tmp_path):
     path = tmp_path / "flat.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")

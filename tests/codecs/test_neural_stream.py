@@ -14,7 +14,7 @@ from conftest import REPOSITORY
 from damage import ONE_THREAD, fields_of, outcome, repacked
 from interpreter import modules_after
 
-from texfcodec import DecodeOptions, LimitError, Limits, decode
+from texfcodec import DecodeOptions, Limits, decode
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE
 from texfcodec.bitstream.units import read_units
@@ -153,17 +153,6 @@ def test_with_bounds_checked_no_damaged_payload_reads_outside_an_array(tmp_path)
 
 
 # Limits
-
-
-@pytest.mark.parametrize("name", ["subset/neural_resident", "subset/neural_hash", "uncommon/neural_levels"])
-def test_latents_over_the_limit_are_refused_and_at_the_limit_decoded(name):
-    unit = read_stream(stream(name), Limits()).joint
-    latents = sum(level["NumRows"] for level in unit["latent_levels"]) * unit["num_features"]
-    assert decode(stream(name), DecodeOptions(limits=Limits(latents=latents))).evaluators
-    with pytest.raises(LimitError) as caught:
-        decode(stream(name), DecodeOptions(limits=Limits(latents=latents - 1)))
-    assert caught.value.code == "TXF-L10" and caught.value.exit_code == 6
-    assert caught.value.details | {"value": latents, "allowed": latents - 1} == caught.value.details
 
 
 def test_large_tables_are_refused_before_memory_is_asked_for():

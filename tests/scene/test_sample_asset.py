@@ -53,14 +53,6 @@ def test_size_is_that_of_a_small_asset(sample_scene):
     assert np.array_equal(np.unique(sample_scene.faces), np.arange(len(sample_scene.positions)))
 
 
-def test_arrays_have_the_types_of_the_scene_model(sample_scene):
-    s = sample_scene
-    assert [a.dtype for a in (s.positions, s.faces, s.face_material, s.corner_uv, s.corner_color)] == [
-        np.float64, np.int64, np.int64, np.float64, np.float32]  # fmt: skip
-    assert s.corner_uv.shape == (len(s.faces), 3, 2) and s.corner_color.shape == (len(s.faces), 3, 4)
-    assert all(t.image.dtype == np.uint8 and t.image.shape[2] == 4 and (t.image[..., 3] == 255).all() for t in s.textures)
-
-
 def test_sample_shows_what_a_loader_has_to_handle(sample_scene):
     s = sample_scene
     used = [set(np.unique(s.face_material)), {m.texture for m in s.materials if m.texture >= 0}]

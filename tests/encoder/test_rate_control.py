@@ -126,13 +126,6 @@ def test_a_target_between_what_two_plans_reach_is_met_by_the_better_one(sheet, m
     assert len(made) <= 4 and len(search.trials) <= 8
 
 
-def test_what_a_psnr_is_of_needs_a_psnr():
-    with pytest.raises(InputError, match="has no effect without target_psnr"):
-        EncodeOptions(target_psnr_of="lit")
-    with pytest.raises(InputError, match="unknown target psnr of"):
-        EncodeOptions(target_psnr=30.0, target_psnr_of="shiny")
-
-
 def test_a_fraction_of_a_qp_is_between_two_qps(ribbon):
     planned = plan(ribbon, EncodeOptions(qp=FIRST_QP, support="texels"), Report())
     sizes = [code(planned.between(FIRST_QP + part), Report()).sizes["attributes"] for part in (0, 0.3, 0.7, 1)]

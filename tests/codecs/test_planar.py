@@ -10,8 +10,6 @@ import pytest
 from PIL import Image
 
 from naive.attributes import decode_values
-from texfcodec.bitstream.stream import Stream, attribute_variables
-from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
 from texfcodec.codecs.raht import attribute_coder, tool_choice
 from texfcodec.codecs.raht.attribute_coder import CodedAttributes, Tools, dec_attributes, enc_attributes
 from texfcodec.codecs.raht.coefficients.dct_blocks import jpeg_likeness
@@ -234,13 +232,6 @@ def test_parameters_out_of_range_are_refused(name, value):
     with pytest.raises(TexfError) as caught:
         read_structure(RAHT, Reader(bytes(data), 0, len(data)), dict(around))
     assert caught.value.code == ("TXF-U09" if name == "planar_transform" else "TXF-S04")
-
-
-def test_units_are_planar_where_their_field_is_over_texels():
-    fields = [{"support": SUPPORT_VOXELS, "resolution": 4}, {"support": SUPPORT_TEXELS, "width": 5, "height": 9}]
-    stream = Stream({"channel_groups": [{"group_components": 3, "group_semantics": [0]}]}, fields=fields)
-    voxels, texels = (attribute_variables(stream, {"field_index": i, "group_index": 0, "level_shift": 0}) for i in range(2))
-    assert (voxels["Planar"], voxels["resolution"], texels["Planar"], texels["resolution"]) == (0, 4, 1, 9)
 
 
 def test_halved_gain_gives_sum_and_difference_of_a_rotated_pair():

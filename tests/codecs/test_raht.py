@@ -1,6 +1,5 @@
 """RAHT: kernels against oracles, the error of the fixed-point transform, and round trips of the codec."""
 
-import math
 from fractions import Fraction
 from itertools import pairwise
 
@@ -39,7 +38,6 @@ from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL, Means, _p
 from texfcodec.codecs.raht.transform.quantise import MAX_DIFFERENCE, MAX_MEAN, STEP_TABLE, _dequantise, step_of
 from texfcodec.codecs.raht.transform.raht import _inverse, _tree_weights, _weighted_mean
 from texfcodec.errors import StreamError
-from texfcodec.field.extents import octree_depth
 from texfcodec.field.morton import encode_morton
 
 ULP_PER_LEVEL = 2  # three split roundings and one of the prediction's mean, half a unit each
@@ -109,11 +107,6 @@ def test_a_table_that_another_thread_has_made_meanwhile_stays():
 
     octree.table(3, run=late)
     assert octree.table(5) is deeper[0] and octree.table(5).tolist() == Octree(octree.keys, 6).table(5).tolist()
-
-
-@pytest.mark.parametrize("resolution,depth", [(1, 0), (2, 1), (3, 2), (4, 2), (5, 3), (1024, 10), (1025, 11), (8192, 13)])
-def test_octree_depth_is_the_rounded_up_logarithm(resolution, depth):
-    assert octree_depth(resolution) == depth == math.ceil(math.log2(resolution))
 
 
 def test_codeword_and_level_counts_follow_the_slicing():

@@ -321,14 +321,6 @@ def test_uvs_over_millions_of_tiles_take_no_time():
     assert told["chosen"] == "voxels" and "TXF-L05" in told["reason"]
 
 
-def test_the_stream_is_the_same_on_any_number_of_threads():
-    scene = wall(detailed_image(64), low=0, high=3, n=12)
-    scene.corner_color = np.ones((len(scene.faces), 3, 4), np.float32)
-    scene.corner_color[:6, :, 1] = 0.5
-    streams = {encode_scene(scene, EncodeOptions(rate="r01", threads=threads)).data for threads in (1, 2, 5)}
-    assert len(streams) == 1
-
-
 def test_warming_up_goes_over_texels_too():
     settings = [EncodeOptions(**small) for small in codec_of("raht").small]
     assert [encode_scene(small_scene(), one).counts["texels"] > 0 for one in settings].count(True) == 1

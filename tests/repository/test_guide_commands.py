@@ -1,4 +1,4 @@
-"""Every command of README and of the guide is run, one after the other, on the demo asset, or is named here with a reason."""
+"""Every command of README and of the guide is run, one after the other, on a small asset, or is named here with a reason."""
 
 import re
 import subprocess
@@ -14,17 +14,14 @@ SKIPPED = {
     r"^texf-view (?!.*--export)(?!.*--screenshot)": "serves a page until Ctrl-C",
     r"^texf-view .*--screenshot": "starts a browser; tests/viewer does where there is one",
     r"--scheduler": "needs a Dask cluster; tests/batch makes one",
-    r" scan\.(texf|glb)": "TEXF_stream.md speaks of a scan of the reader's own; the same flags run on the demo asset",
+    r" scan\.(texf|glb)": "TEXF_stream.md speaks of a scan of the reader's own; the same flags run on vase.glb",
 }
 
 
-FIRST = [pages.README, pages.GUIDE / "index.md"]
-
-
-def all_commands(found=None):
-    """(page, words) of every command of some pages, by default of all; each command once, where it stands first."""
+def all_commands():
+    """(page, words) of every command of all pages; each command once, where it stands first."""
     seen = set()
-    for path in found or [*FIRST, *pages.guide_pages()]:
+    for path in [pages.README, pages.GUIDE / "index.md", *pages.guide_pages()]:
         for words in pages.commands_of(path.read_text(encoding="utf-8")):
             if tuple(words) not in seen:
                 seen.add(tuple(words))
@@ -60,15 +57,15 @@ def run(words, call):
     """(exit code, what it said last) of one command."""
     if words[0] == "python":
         done = subprocess.run([sys.executable, *words[1:]], capture_output=True, text=True, check=False, timeout=120)
+        pages.write_vase(words[-1])
         return done.returncode, done.stderr[-500:]
     code, _, said = call(*words)
     return code, said[-500:]
 
 
-@pytest.mark.parametrize("found", [FIRST, None], ids=["readme and index", "all pages"])
-def test_every_command_of_readme_and_guide_runs_or_is_skipped_for_a_reason(folder, call, found):
+def test_every_command_of_readme_and_guide_runs_or_is_skipped_for_a_reason(folder, call):
     failed, seconds = [], []
-    for page, words in all_commands(found):
+    for page, words in all_commands():
         if reason_to_skip(words) is None:
             begin = time.perf_counter()
             code, said = run(words, call)
@@ -76,7 +73,7 @@ def test_every_command_of_readme_and_guide_runs_or_is_skipped_for_a_reason(folde
             failed += [f"{page}: {' '.join(words)}: exit code {code}: {said}"] if code else []
     print("\n".join(f"{taken:6.1f} s  {words}" for taken, words in seconds))
     print(f"{sum(taken for taken, _ in seconds):6.1f} s in all, {len(seconds)} commands")
-    assert failed == [] and len(seconds) > (4 if found else 20)
+    assert failed == [] and len(seconds) > 20
 
 
 def test_what_is_skipped_is_there_and_is_little():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from mesh_files import Builder, encoded
+from shapes import painted_sphere
 from walls import smooth_image, wall
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -23,12 +24,15 @@ _SENTENCE_END = re.compile(r"(?<=[.!?])[)\"']?\s+(?=[\"'(`*A-Z0-9]|texf|three\.j
 
 
 def write_vase(path):
-    """A bumpy wall with a picture as GLB, where pages speak of the demo asset, which takes ten times as long."""
-    scene, builder = wall(smooth_image(256, 256, 3), n=16), Builder()
-    image = scene.textures[0].image[..., :3] // 2 + np.random.default_rng(0).integers(0, 99, (256, 256, 3), np.uint8)
-    corners = scene.positions[scene.faces].reshape(-1, 3).astype(np.float32)
-    builder.primitive(corners, np.arange(len(corners), dtype=np.uint16), scene.corner_uv.reshape(-1, 2).astype(np.float32),
+    """A wall with a picture and a ball with vertex colours as GLB, in place of the demo asset, which takes ten times as long."""
+    scene, ball, builder = wall(smooth_image(256, 256, 3), n=16), painted_sphere(), Builder()
+    image = scene.textures[0].image[..., :3] // 2 + np.random.default_rng(0).integers(0, 24, (256, 256, 3), np.uint8)
+    corners = [one.positions[one.faces].reshape(-1, 3).astype(np.float32) for one in (scene, ball)]
+    builder.primitive(corners[0], np.arange(len(corners[0]), dtype=np.uint16), scene.corner_uv.reshape(-1, 2).astype(np.float32),
                       material=builder.material(builder.texture(encoded(image))))
+    colours = builder.accessor(np.clip(ball.corner_color, 0, 1).reshape(-1, 4))
+    builder.primitive(corners[1] + np.float32(2), np.arange(len(corners[1]), dtype=np.uint16), material=builder.material(),
+                      attributes={"COLOR_0": colours})
     Path(path).write_bytes(builder.glb())
 
 

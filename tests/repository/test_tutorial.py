@@ -24,5 +24,5 @@ def test_every_cell_runs(cells, monkeypatch):
     for cell in (cell for cell in cells if cell["cell_type"] == "code"):
         exec(compile("".join(cell["source"]), cell["id"], "exec"), names)
     sizes = [len(names["made"].data), (names["folder"] / "back.glb").stat().st_size, names["source"].stat().st_size]
-    assert sizes == sorted(sizes) and names["refused"].code == "TXF-S02"
+    assert max(sizes[:2]) < sizes[2] and names["refused"].code == "TXF-S02"
     assert len(names["texf"].faces) > 10

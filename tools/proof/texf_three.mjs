@@ -71,7 +71,7 @@ window.loads = async (name, times) => {
 };
 </script>`;
 
-const [folder, ...names] = process.argv.slice(2), repository = path.dirname(path.dirname(new URL(import.meta.url).pathname));
+const [folder, ...names] = process.argv.slice(2), repository = path.resolve(new URL('../..', import.meta.url).pathname);
 const root = await mkdtemp(path.join(os.tmpdir(), 'texf-three-'));
 await cp(path.join(repository, 'js', 'src'), path.join(root, 'js', 'src'), { recursive: true });
 for (const name of names) for (const kind of ['texf', 'glb']) await cp(path.join(folder, `${name}.${kind}`), path.join(root, `${name}.${kind}`));

@@ -19,7 +19,7 @@ const PAGE = `<!doctype html><meta charset="utf-8"><title>loader</title><script 
 <body><script type="module" src="/cache/proof/loader_page.mjs"></script>`;
 const EXPECTED = /Failed to load resource|Context (Lost|Restored)|belong to this context|GPU stall/; // the browser's word on what is done to it here
 
-const here = path.dirname(fileURLToPath(import.meta.url)), repository = path.dirname(path.dirname(here)), given = process.argv.slice(2);
+const here = path.dirname(fileURLToPath(import.meta.url)), repository = path.resolve(here, '../../..'), given = process.argv.slice(2);
 const pictures = given[0] === '--pictures' ? given.splice(0, 2)[1] : null;
 const vectors = ['subset/texels', 'subset/k33'].map((name) => path.join(repository, 'conformance', name, 'in.texf'));
 const streams = given.length ? given : vectors, good = await readFile(vectors[0]);

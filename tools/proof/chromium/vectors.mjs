@@ -16,7 +16,7 @@ import { withPage } from '../three_page.mjs';
 
 export const POLICY = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; connect-src 'self'";
 const PAGE = '<!doctype html><meta charset="utf-8"><title>vectors</title><script type="module" src="/cache/proof/page.mjs"></script>';
-const here = path.dirname(fileURLToPath(import.meta.url)), repository = path.dirname(path.dirname(here));
+const here = path.dirname(fileURLToPath(import.meta.url)), repository = path.resolve(here, '../../..');
 const given = process.argv.slice(2), times = given[0] === '--times' ? given.filter((name) => name.endsWith('.texf')) : [];
 const cases = given.filter((name) => !name.startsWith('--') && !times.includes(name));
 

@@ -155,7 +155,7 @@ fuzz: install
 faults: install
 	$(PY) tests/fuzz/faults.py --state "$(or $(OUT),out/fuzz)/state.jsonl"
 
-# Rules of the naive decoder that no vector holds, an hour or more (a part: tools/proof/mutants.py --only 7.6, a sample: --sample 400): make mutants [STATE=file.jsonl] [PAGE=docs/reports/mutants.md]
+# Rules of the reference decoder that no vector holds, an hour or more (a part: tools/proof/mutants.py --only 7.6, a sample: --sample 400): make mutants [STATE=file.jsonl] [PAGE=docs/reports/mutants.md]
 mutants: install
 	$(PY) tools/proof/mutants.py --state "$(or $(STATE),out/mutants.jsonl)" $(if $(PAGE),--page "$(PAGE)")
 

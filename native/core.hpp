@@ -21,23 +21,28 @@ using i16 = int16_t;
 using i32 = int32_t;
 using i64 = int64_t;
 
-// ---- Refusals. Where there are no exceptions the sentence is kept and the program stops: who runs a sandbox looks there.
+// ---- Refusals. Where there are no exceptions the refusal is kept and the program stops: who runs a sandbox looks there.
 
-struct Refusal {
-  int code;
-  char sentence[256];
+// The codes of docs/guide/errors.md: 100 times the exit code, and the number; S22 is TXF-S22.
+enum Finding : int {
+  S01 = 100 * TEXF_INVALID + 1, S02, S03, S04, S05, S06, S07, S08, S09, S10, S11, S12, S13, S14, S20 = 100 * TEXF_INVALID + 20, S21, S22, S23, S24,
+  S30 = 100 * TEXF_INVALID + 30, S32 = S30 + 2, S50 = 100 * TEXF_INVALID + 50, C04 = 100 * TEXF_INTERNAL + 4,
+  U01 = 100 * TEXF_UNSUPPORTED + 1, U02, U03, U04, U07 = 100 * TEXF_UNSUPPORTED + 7, U09 = U07 + 2,
+  L01 = 100 * TEXF_LIMIT + 1, L02, L03, L04, L05, L06, L07, L10 = 100 * TEXF_LIMIT + 10, L11
 };
-#if !defined(__cpp_exceptions)
-extern Refusal refusal;
-#endif
 
-[[noreturn]] void fail(int code, const char* format, ...) __attribute__((format(printf, 2, 3)));
+[[noreturn]] void refuse(const texf_refusal& refusal);
+[[noreturn]] void fail(Finding finding, const char* format, ...) __attribute__((format(printf, 2, 3)));
+[[noreturn]] void fail_value(Finding finding, u64 value, u64 allowed, const char* sentence);  // "sentence: value, allowed ..."
 
-inline void require(bool holds, const char* sentence) {
-  if (!holds) fail(TEXF_INVALID, "%s", sentence);
+inline void require(bool holds, Finding finding, const char* sentence) {
+  if (!holds) fail(finding, "%s", sentence);
 }
-inline void within(u64 count, u64 limit, const char* name) {
-  if (limit > 0 && count > limit) fail(TEXF_LIMIT, "%s: %llu, the limit is %llu", name, (unsigned long long)count, (unsigned long long)limit);
+inline void require_equal(u64 value, u64 coded, Finding finding, const char* sentence) {
+  if (value != coded) fail_value(finding, value, coded, sentence);
+}
+inline void within(u64 count, u64 limit, Finding finding, const char* sentence) {
+  if (limit > 0 && count > limit) fail_value(finding, count, limit, sentence);
 }
 
 // ---- 4.1
@@ -156,7 +161,7 @@ struct Material {
 struct Field {
   bool planar = false;
   int resolution = 0, area_threshold = 0, width = 0, height = 0, wrap[2] = {0, 0}, fraction_bits = 0;
-  u64 num_keys = 0;
+  u64 index = 0, num_keys = 0;
   u32 keys_crc = 0;
   std::vector<u64> keys;  // of the whole field
   int depth() const { return bit_length(resolution - 1); }  // D

@@ -169,35 +169,50 @@ texf_limits texf_usual_limits(void) {
 }
 
 namespace {
-template <typename What>
-Refusal guarded(What what) {  // nothing is thrown across the C interface
 #if defined(__cpp_exceptions)
+template <typename What>
+texf_refusal guarded(What what) {  // nothing is thrown across the C interface
   try {
     what();
-  } catch (const Refusal& refused) {
+  } catch (const texf_refusal& refused) {
     return refused;
   } catch (const std::bad_alloc&) {
-    return {TEXF_LIMIT, "there is not enough memory for this stream"};
+    return {L07, 0, 0, 0, "there is not enough memory for this stream"};
   } catch (...) {
-    return {TEXF_INTERNAL, "the decoder has failed"};
+    return {C04, 0, 0, 0, "the decoder has failed"};
   }
-#else  // a sandbox: fail() stops the program
-  what();
-#endif
-  return {TEXF_OK, ""};
+  return {};
 }
+#else  // a sandbox: a refusal is kept where its host looks, and the program stops
+texf_refusal kept;
+template <typename What>
+texf_refusal guarded(What what) {
+  what();
+  return {};
+}
+#endif
 }  // namespace
 
-int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* limits, texf_asset** asset, char* message, size_t message_size) {
-  return texf_decode_chosen(data, size, lod, limits, ~0u, asset, message, message_size);
+#if defined(__cpp_exceptions)
+void texf::refuse(const texf_refusal& refusal) { throw refusal; }
+#else
+void texf::refuse(const texf_refusal& refusal) {
+  kept = refusal;
+  __builtin_trap();
+}
+extern "C" const texf_refusal* texf_kept_refusal(void) { return &kept; }
+#endif
+
+int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* limits, texf_asset** asset, texf_refusal* refusal) {
+  return texf_decode_chosen(data, size, lod, limits, ~0u, asset, refusal);
 }
 
-int texf_decode_chosen(const uint8_t* data, size_t size, int lod, const texf_limits* limits, uint32_t chosen, texf_asset** asset, char* message,
-                       size_t message_size) {
+int texf_decode_chosen(const uint8_t* data, size_t size, int lod, const texf_limits* limits, uint32_t chosen, texf_asset** asset,
+                       texf_refusal* refusal) {
   *asset = nullptr;
-  Refusal found = guarded([&] { *asset = static_cast<texf_asset*>(decode(data, size, lod, limits ? *limits : texf_usual_limits(), chosen).release()); });
-  if (message && message_size > 0) snprintf(message, message_size, "%s", found.sentence);
-  return found.code;
+  texf_refusal found = guarded([&] { *asset = static_cast<texf_asset*>(decode(data, size, lod, limits ? *limits : texf_usual_limits(), chosen).release()); });
+  if (refusal) *refusal = found;
+  return found.finding / 100;
 }
 
 void texf_free(texf_asset* asset) { delete asset; }
@@ -254,12 +269,6 @@ const void* find_array(texf_asset& asset, int kind, u32 i, u32 j, size_t* bytes)
 const void* texf_array(texf_asset* asset, int kind, uint32_t i, uint32_t j, size_t* bytes) {
   const void* found = nullptr;
   *bytes = 0;
-  if (guarded([&] { found = find_array(*asset, kind, i, j, bytes); }).code != TEXF_OK) *bytes = 0;
+  if (guarded([&] { found = find_array(*asset, kind, i, j, bytes); }).finding != 0) *bytes = 0;
   return *bytes > 0 ? found : nullptr;
 }
-
-#if !defined(__cpp_exceptions)
-// What a sandbox asks after the program has stopped.
-extern "C" int texf_refusal_code(void) { return texf::refusal.code; }
-extern "C" const char* texf_refusal_sentence(void) { return texf::refusal.sentence; }
-#endif

@@ -8,25 +8,19 @@
 
 namespace texf {
 
-#if !defined(__cpp_exceptions)
-Refusal refusal;
-#endif
-
-void fail(int code, const char* format, ...) {
+void fail(Finding finding, const char* format, ...) {
+  texf_refusal refusal = {finding, 0, 0, 0, ""};
   va_list rest;
   va_start(rest, format);
-#if defined(__cpp_exceptions)
-  Refusal found;
-  found.code = code;
-  vsnprintf(found.sentence, sizeof found.sentence, format, rest);
-  va_end(rest);
-  throw found;
-#else
-  refusal.code = code;
   vsnprintf(refusal.sentence, sizeof refusal.sentence, format, rest);
   va_end(rest);
-  __builtin_trap();
-#endif
+  refuse(refusal);
+}
+
+void fail_value(Finding finding, u64 value, u64 allowed, const char* sentence) {
+  texf_refusal refusal = {finding, 1, value, allowed, ""};
+  snprintf(refusal.sentence, sizeof refusal.sentence, "%s: %llu, allowed %llu", sentence, (unsigned long long)value, (unsigned long long)allowed);
+  refuse(refusal);
 }
 
 i64 isqrt(i64 v) {
@@ -99,7 +93,7 @@ class Reader {
   size_t left() const { return end_ - at_; }
   const u8* at() const { return at_; }
   Bytes take(u64 count, const char* name) {
-    if (count > left()) fail(TEXF_INVALID, "%s: the bytes end before it", name);
+    if (count > left()) fail(S02, "%s: the bytes end before it", name);
     Bytes found{at_, size_t(count)};
     at_ += count;
     return found;
@@ -116,12 +110,12 @@ class Reader {
   u32 u32_(const char* name) { return u32(number(4, name, 0, 0xffffffff)); }
   i32 i32_(const char* name, i32 low, i32 high) {
     i32 value = i32(u32_(name));
-    if (value < low || value > high) fail(TEXF_INVALID, "%s is %d", name, value);
+    if (value < low || value > high) fail(S04, "%s is %d", name, value);
     return value;
   }
   int registry(const char* name, int low, int high) { return known(u8_(name, low), name, high); }
   static int known(u64 value, const char* name, int high) {
-    if (value > u64(high)) fail(TEXF_UNSUPPORTED, "%s is %llu", name, (unsigned long long)value);
+    if (value > u64(high)) fail(U09, "%s is %llu", name, (unsigned long long)value);
     return int(value);
   }
   u64 v(const char* name, u64 low = 0, u64 high = (1ull << 56) - 1) {
@@ -130,22 +124,22 @@ class Reader {
       u64 byte = u8_(name);
       value |= (byte & 127) << (7 * i);
       if (byte < 128) {
-        if (byte == 0 && i > 0) fail(TEXF_INVALID, "%s is not in its shortest form", name);
+        if (byte == 0 && i > 0) fail(S05, "%s is not in its shortest form", name);
         return ranged(value, name, low, high);
       }
     }
-    fail(TEXF_INVALID, "%s has more than 8 bytes", name);
+    fail(S05, "%s has more than 8 bytes", name);
   }
   double f64(const char* name, double low = -1e300) {
     double value;
     memcpy(&value, take(8, name).data, 8);
-    if (!(value >= low && value <= 1e300)) fail(TEXF_INVALID, "%s is out of its range", name);
+    if (!(value >= low && value <= 1e300)) fail(S04, "%s is out of its range", name);
     return value == 0 ? 0 : value;
   }
   float f32(const char* name) {
     float value;
     memcpy(&value, take(4, name).data, 4);
-    if (!std::isfinite(value)) fail(TEXF_INVALID, "%s is not finite", name);
+    if (!std::isfinite(value)) fail(S04, "%s is not finite", name);
     return value;
   }
   std::string utf8(u64 count, const char* name) {
@@ -161,7 +155,7 @@ class Reader {
       }
       right = right && !(more == 2 && point < 0x800) && !(more == 3 && point < 0x10000) && point <= 0x10ffff &&
               !(point >= 0xd800 && point < 0xe000);
-      if (!right) fail(TEXF_INVALID, "%s is not UTF-8", name);
+      if (!right) fail(S06, "%s is not UTF-8", name);
       i += more + 1;
     }
     return std::string(reinterpret_cast<const char*>(bytes.data), bytes.size);
@@ -169,7 +163,7 @@ class Reader {
 
  private:
   static u64 ranged(u64 value, const char* name, u64 low, u64 high) {
-    if (value < low || value > high) fail(TEXF_INVALID, "%s is %llu, not in its range", name, (unsigned long long)value);
+    if (value < low || value > high) fail(S04, "%s is %llu, not in its range", name, (unsigned long long)value);
     return value;
   }
   const u8 *at_, *end_;
@@ -190,33 +184,33 @@ Unit read_unit(Reader& reader) {
   unit.type = reader.u8_("unit_type");
   unit.payload = reader.take(reader.v("unit_length"), "payload");
   u32 crc = crc32(start, reader.at() - start);
-  if (reader.u32_("unit_crc") != crc) fail(TEXF_INVALID, "the unit_crc of a unit of type %d does not match", unit.type);
+  if (reader.u32_("unit_crc") != crc) fail(S03, "the unit_crc of a unit of type %d does not match", unit.type);
   return unit;
 }
 
 std::vector<Unit> units_of(Bytes data) {
   static const u8 signature[8] = {0x89, 0x54, 0x58, 0x46, 0x0d, 0x0a, 0x1a, 0x0a};
-  require(data.size >= 8 && memcmp(data.data, signature, 8) == 0, "the stream does not begin with the signature of 5.1");
+  require(data.size >= 8 && memcmp(data.data, signature, 8) == 0, S01, "the stream does not begin with the signature of 5.1");
   Reader reader({data.data + 8, data.size - 8});
   std::vector<Unit> units{read_unit(reader)};
-  require(units[0].type == HEADER, "the first unit is not the sequence header");
-  if (units[0].payload.size > 0 && units[0].payload.data[0] != 1) fail(TEXF_UNSUPPORTED, "version is %d", units[0].payload.data[0]);
+  require(units[0].type == HEADER, S07, "the first unit is not the sequence header");
+  if (units[0].payload.size > 0 && units[0].payload.data[0] != 1) fail(U04, "version is %d", units[0].payload.data[0]);
   int last = HEADER;
   bool there[256] = {true};
   while (last != END) {
     Unit unit = read_unit(reader);
     bool once = unit.type <= MATERIALS || (unit.type >= METADATA && unit.type <= CODED_NORMALS);
-    if (once && there[unit.type]) fail(TEXF_INVALID, "a second unit of type %d", unit.type);
-    if (unit.type > END && unit.type < METADATA) fail(TEXF_UNSUPPORTED, "unit_type is %d", unit.type);
+    if (once && there[unit.type]) fail(S07, "a second unit of type %d", unit.type);
+    if (unit.type > END && unit.type < METADATA) fail(U01, "unit_type is %d", unit.type);
     if (unit.type <= END) {
-      require(unit.type >= last, "the units do not ascend by type");
+      require(unit.type >= last, S07, "the units do not ascend by type");
       last = unit.type;
     }
     there[unit.type] = true;
     units.push_back(unit);
   }
-  require(units.back().payload.size == 0, "the end unit is not empty");
-  require(reader.left() == 0, "bytes follow the end unit");
+  require(units.back().payload.size == 0, S08, "the end unit is not empty");
+  require(reader.left() == 0, S08, "bytes follow the end unit");
   return units;
 }
 
@@ -254,14 +248,14 @@ Counts read_header(Reader& reader, Asset& asset) {
   u32 met = 0;
   for (const ChannelGroup& group : asset.groups)
     for (int semantic : group.semantics) {
-      require(!(met >> semantic & 1), "a channel is there twice");
+      require(!(met >> semantic & 1), S04, "a channel is there twice");
       met |= 1u << semantic;
     }
   for (const ChannelGroup& group : asset.groups) {
     int sum = 0;
     for (int semantic : group.semantics) sum += CHANNEL_COMPONENTS[semantic];
     bool grey = group.semantics.size() == 1 && SRGB >> group.semantics[0] & 1 && group.components == 1;
-    if (group.components != sum && !grey) fail(TEXF_UNSUPPORTED, "group_components is %d", group.components);
+    if (group.components != sum && !grey) fail(U03, "group_components is %d", group.components);
   }
   return counts;
 }
@@ -297,20 +291,20 @@ Material read_material(Reader& reader) {
     parameter.value = parameter_default(parameter.id);
     for (float& value : parameter.value) value = reader.f32("parameter_value");
   }
-  require(!(material.channels & ~NAMEABLE), "material_channels has a bit of 0, 1, 3 or 11");
+  require(!(material.channels & ~NAMEABLE), S04, "material_channels has a bit of 0, 1, 3 or 11");
   for (size_t i = 0; i < material.parameters.size(); i++) {
     const Parameter& parameter = material.parameters[i];
-    require(i == 0 || parameter.id > material.parameters[i - 1].id, "parameter_id does not ascend");
-    require(parameter.value != parameter_default(parameter.id), "a parameter is its default");
+    require(i == 0 || parameter.id > material.parameters[i - 1].id, S04, "parameter_id does not ascend");
+    require(parameter.value != parameter_default(parameter.id), S04, "a parameter is its default");
   }
   return material;
 }
 
 // ---- 5.5, 5.6
 
-Field read_field(Reader& reader, u64 index) {
+Field read_field(Reader& reader) {
   Field field;
-  u64 number = reader.v("field_index");
+  field.index = reader.v("field_index");
   field.planar = reader.registry("support", 0, 1) == 1;
   if (field.planar) {
     field.width = reader.u16_("width", 1, 16384);
@@ -325,8 +319,6 @@ Field read_field(Reader& reader, u64 index) {
   }
   field.num_keys = reader.v("num_keys", 1, 1 << 28);
   field.keys_crc = reader.u32_("keys_crc");
-  require(number == index, "field_index does not count up from 0");
-  require(!field.planar || field.num_keys <= u64(field.width) * field.height, "num_keys is more than the image has texels");
   return field;
 }
 
@@ -336,7 +328,7 @@ GeometryUnit read_geometry(Reader& reader, const Asset& asset) {
   unit.material = u32(reader.v("material_index"));
   unit.vertices = reader.v("unit_vertices", 3);
   unit.faces = reader.v("unit_faces", 1);
-  require(unit.field < asset.fields.size(), "a geometry unit names a field that is not there");
+  require(unit.field < asset.fields.size(), S09, "a geometry unit names a field that is not there");
   unit.planar = asset.fields[unit.field].planar;
   if (unit.planar) {
     for (i32& o : unit.uv_origin) o = reader.i32_("uv_origin", -33554431, 33554431);
@@ -345,14 +337,7 @@ GeometryUnit read_geometry(Reader& reader, const Asset& asset) {
   }
   unit.crc = reader.u32_("geometry_crc");
   unit.draco = reader.rest();
-  require(unit.material < asset.materials.size(), "a geometry unit names a material that is not there");
-  require(unit.uv_bits == 0 || unit.uv_range < 1ull << unit.uv_bits, "uv_range is 2^uv_bits or more");
-  static const u8 start[11] = {0x44, 0x52, 0x41, 0x43, 0x4f, 2, 2, 1, 1, 0, 0};
-  Reader draco(unit.draco);
-  require(memcmp(draco.take(11, "draco_data").data, start, 11) == 0, "draco_data does not begin as 5.6 says");
-  require((draco.u8_("traversal type") & ~2) == 0, "draco_data has a traversal type other than 0 and 2");
-  require(draco.v("number of vertices") == unit.vertices, "draco_data names another number of vertices");
-  require(draco.v("number of faces") == unit.faces, "draco_data names another number of faces");
+  require(unit.uv_bits == 0 || unit.uv_range < 1ull << unit.uv_bits, S04, "uv_range is 2^uv_bits or more");
   return unit;
 }
 
@@ -363,7 +348,7 @@ void read_filter(Reader& reader, AttributeUnit& unit) {
   stage.mask = reader.u16_("filter_mask", 0, 32767);
   Bytes taps = reader.take((unit.planar ? 5 : 3) * __builtin_popcount(stage.mask), "filter_coefficients");
   for (size_t i = 0; i < taps.size; i++) stage.coefficients.push_back(i8(taps.data[i]));
-  require(stage.mask >> (5 * unit.components) == 0, "filter_mask has a bit of a component that is not there");
+  require(stage.mask >> (5 * unit.components) == 0, S04, "filter_mask has a bit of a component that is not there");
   unit.filters.push_back(stage);
 }
 
@@ -388,16 +373,22 @@ void read_raht(Reader& reader, AttributeUnit& unit, const Field& field) {
   unit.slice_first = {0};
   while (unit.slice_first.size() < num_slices) unit.slice_first.push_back(unit.slice_first.back() + reader.v("slice_step", 1));
   int level_index = reader.u8_("level_index", 0, 1);
-  require(count == 3 || unit.colour_transform == 0, "colour_transform without three components");
-  require(unit.kernel[0] >= 1, "kernel[0] is 0");
-  require(unit.depth > 0 || unit.residual == 0, "residual where there are no levels");
-  require(unit.slice_level == 0 || unit.slice_level < unit.depth, "slice_level is not less than Depth");
+  require(count == 3 || unit.colour_transform == 0, S04, "colour_transform without three components");
+  require(unit.kernel[0] >= 1, S04, "kernel[0] is 0");
+  require(unit.depth > 0 || unit.residual == 0, S04, "residual where there are no levels");
+  require(unit.slice_level == 0 || unit.slice_level < unit.depth, S04, "slice_level is not less than Depth");
   std::vector<u64> lengths;
   for (u64 n = 0; n < (unit.depth == 0 ? 0 : unit.slice_level > 0 ? 1 + num_slices : 1); n++) {
     lengths.push_back(reader.v("codeword_length"));
     int levels = unit.slice_level == 0 ? unit.depth : n == 0 ? unit.slice_level : unit.depth - unit.slice_level;
     while (level_index && levels-- > 0) reader.v("level_bytes");
   }
+  u64 sum = 0;
+  for (u64 length : lengths) {
+    require(length <= reader.left() - sum, S10, "the codeword lengths are more than the data");
+    sum += length;
+  }
+  require_equal(sum, reader.left(), S10, "the codeword lengths do not add up to the data");
   for (u64 length : lengths) unit.codewords.push_back(reader.take(length, "codeword_data"));
 }
 
@@ -428,11 +419,11 @@ void read_neural(Reader& reader, AttributeUnit& unit, const Asset& asset, u64 nu
   for (size_t n = 0; n + 1 < unit.widths.size(); n++) count += size_t(unit.widths[n] + 1) * unit.widths[n + 1];
   unit.network = reader.take(2 * count, "network_data");
   unit.latents = reader.rest();
-  require(unit.num_features % 2 == 0, "num_features is odd");
+  require(unit.num_features % 2 == 0, S04, "num_features is odd");
   for (size_t i = 1; i < unit.network.size; i += 2)
-    require((unit.network.data[i] >> 2 & 31) < 27, "a parameter is not finite and of magnitude below 2^12");
-  require(unit.form == 1 || unit.latents.size == latents / 2, "latent_data is not as long as its rows");
-  within(latents, asset.limits.latents, "latents");
+    require((unit.network.data[i] >> 2 & 31) < 27, S50, "a parameter is not finite and of magnitude below 2^12");
+  require(unit.form == 1 || unit.latents.size == latents / 2, S10, "latent_data is not as long as its rows");
+  within(latents, asset.limits.latents, L10, "latents");
 }
 
 AttributeUnit read_attribute(Reader& reader, const Asset& asset, u64 num_fields) {
@@ -443,13 +434,13 @@ AttributeUnit read_attribute(Reader& reader, const Asset& asset, u64 num_fields)
   std::string name = unit.codec >= FIRST_PRIVATE ? reader.utf8(reader.u8_("codec_name_length", 1), "codec_name") : "";
   unit.level_shift = reader.u8_("level_shift", 0, 13);
   unit.values_crc = reader.u32_("values_crc");
-  require(unit.field < asset.fields.size(), "an attribute unit names a field that is not there");
-  require(size_t(unit.group) < asset.groups.size(), "an attribute unit names a channel group that is not there");
-  if (unit.codec > CONSTANT) fail(TEXF_UNSUPPORTED, "codec_id is %d %.60s", unit.codec, name.c_str());
+  require(unit.field < asset.fields.size(), S09, "an attribute unit names a field that is not there");
+  require(size_t(unit.group) < asset.groups.size(), S09, "an attribute unit names a channel group that is not there");
+  if (unit.codec > CONSTANT) fail(unit.codec >= FIRST_PRIVATE ? U07 : U02, "codec_id is %d %.60s", unit.codec, name.c_str());
   const Field& field = asset.fields[unit.field];
   const ChannelGroup& group = asset.groups[unit.group];
   int most = unit.codec == NEURAL || channels_of(group) & BASE ? 0 : field.depth();
-  require(unit.level_shift <= most, "level_shift is more than it may be");
+  require(unit.level_shift <= most, S04, "level_shift is more than it may be");
   unit.components = group.components;
   unit.depth = bit_length(ceil_div(field.resolution, 1 << unit.level_shift) - 1);
   if (unit.codec == RAHT) {
@@ -457,7 +448,7 @@ AttributeUnit read_attribute(Reader& reader, const Asset& asset, u64 num_fields)
   } else if (unit.codec == CONSTANT) {
     for (int c = 0; c < unit.components; c++) unit.plane_value[c] = reader.u8_("plane_value");
   } else {
-    require(unit.field == 0 && unit.group == 0, "a 3DNTC unit is not that of field 0 and group 0");
+    require(unit.field == 0 && unit.group == 0, S11, "a 3DNTC unit is not that of field 0 and group 0");
     read_neural(reader, unit, asset, num_fields);
   }
   return unit;
@@ -466,53 +457,55 @@ AttributeUnit read_attribute(Reader& reader, const Asset& asset, u64 num_fields)
 // ---- 9.2, step 5
 
 void check_units(const Asset& asset, const Counts& counts) {
-  require(asset.fields.size() == counts.fields, "num_fields is another number than that of the field units");
-  require(asset.units.size() == counts.geometry, "num_geometry_units is another number than that of the geometry units");
-  require(counts.geometry > 0 || counts.fields == 0, "fields without geometry units");
+  require(asset.fields.size() == counts.fields, S11, "num_fields is another number than that of the field units");
+  require(asset.units.size() == counts.geometry, S11, "num_geometry_units is another number than that of the geometry units");
+  require(counts.geometry > 0 || counts.fields == 0, S11, "fields without geometry units");
   std::vector<u32> used(asset.fields.size(), 0);
   std::vector<bool> has_geometry(asset.fields.size(), false);
   u32 all_used = 0, there = 0;
+  for (size_t i = 0; i < asset.fields.size(); i++) require(asset.fields[i].index == i, S11, "field_index does not count up from 0");
   for (const GeometryUnit& unit : asset.units) {
+    require(unit.material < asset.materials.size(), S09, "a geometry unit names a material that is not there");
     u32 named = asset.materials[unit.material].channels;
     if (!unit.planar) named = (named & ~(1u << 2 | 1u << 10)) | (named >> 2 & 1) << 3 | (named >> 10 & 1) << 11;
     used[unit.field] |= named;
     all_used |= named;
     has_geometry[unit.field] = true;
   }
-  for (bool has : has_geometry) require(has, "a field has no geometry unit");
+  for (bool has : has_geometry) require(has, S11, "a field has no geometry unit");
   for (const ChannelGroup& group : asset.groups) there |= channels_of(group);
-  require(!(all_used & ~there), "a material names a channel that no group holds");
-  require(asset.fields.empty() || !(there & ~(all_used | BASE)), "a group holds a channel that nothing uses");
+  require(!(all_used & ~there), S14, "a material names a channel that no group holds");
+  require(asset.fields.empty() || !(there & ~(all_used | BASE)), S14, "a group holds a channel that nothing uses");
   bool neural = false, planar = false;
   for (const AttributeUnit& unit : asset.attributes) neural = neural || unit.codec == NEURAL;
   for (const Field& field : asset.fields) planar = planar || field.planar;
   if (neural) {
-    require(asset.attributes.size() == 1, "attribute units beside one of 3DNTC");
-    require(!planar, "3DNTC with a field over texels");
+    require(asset.attributes.size() == 1, S11, "attribute units beside one of 3DNTC");
+    require(!planar, S13, "3DNTC with a field over texels");
   } else {
     size_t next = 0;
     for (size_t i = 0; i < asset.fields.size(); i++)
       for (size_t g = 0; g < asset.groups.size(); g++) {
         if (!(channels_of(asset.groups[g]) & (used[i] | BASE))) continue;
-        require(next < asset.attributes.size(), "an attribute unit is missing");
+        require(next < asset.attributes.size(), S11, "an attribute unit is missing");
         const AttributeUnit& unit = asset.attributes[next++];
-        require(unit.field == i && size_t(unit.group) == g, "the attribute units are not those that the fields need, in order");
+        require(unit.field == i && size_t(unit.group) == g, S11, "the attribute units are not those that the fields need, in order");
       }
-    require(next == asset.attributes.size(), "an attribute unit that no field needs");
+    require(next == asset.attributes.size(), S11, "an attribute unit that no field needs");
   }
   bool marks = false, normals = false;
   for (const Material& material : asset.materials) {
     marks = marks || material.normal_rule >= 3;
     normals = normals || material.normal_rule == 6;
   }
-  require(marks == asset.has_marks, "a sharp edges unit without a rule that asks for it, or the other way round");
-  require(normals == asset.has_normals, "a coded normals unit without a rule that asks for it, or the other way round");
+  require(marks == asset.has_marks, S11, "a sharp edges unit without a rule that asks for it, or the other way round");
+  require(normals == asset.has_normals, S11, "a coded normals unit without a rule that asks for it, or the other way round");
 }
 
 }  // namespace
 
 std::unique_ptr<Asset> read_stream(const u8* data, size_t size, const texf_limits& limits) {
-  within(size, limits.file_bytes, "bytes of the stream");
+  within(size, limits.file_bytes, L01, "bytes of the stream");
   auto owner = std::make_unique<texf_asset>();
   Asset& asset = *owner;
   asset.limits = limits;
@@ -528,18 +521,20 @@ std::unique_ptr<Asset> read_stream(const u8* data, size_t size, const texf_limit
         for (u64 i = 0; i < counts.materials; i++) asset.materials.push_back(read_material(reader));
         break;
       case FIELD:
-        asset.fields.push_back(read_field(reader, asset.fields.size()));
-        within(voxels += asset.fields.back().num_keys, limits.voxels, "voxels and texels");
-        within(u64(asset.fields.back().width) * asset.fields.back().height, limits.texels, "texels of an image");
+        asset.fields.push_back(read_field(reader));
+        within(voxels += asset.fields.back().num_keys, limits.voxels, L04, "voxels and texels");
+        within(u64(asset.fields.back().width) * asset.fields.back().height, limits.texels, L11, "texels of an image");
+        require(!asset.fields.back().planar || asset.fields.back().num_keys <= u64(asset.fields.back().width) * asset.fields.back().height, S04,
+                "num_keys is more than the image has texels");
         break;
       case GEOMETRY:
         asset.units.push_back(read_geometry(reader, asset));
-        within(vertices += asset.units.back().vertices, limits.vertices, "vertices");
-        within(faces += asset.units.back().faces, limits.faces, "faces");
+        within(vertices += asset.units.back().vertices, limits.vertices, L02, "vertices");
+        within(faces += asset.units.back().faces, limits.faces, L03, "faces");
         break;
       case ATTRIBUTE: asset.attributes.push_back(read_attribute(reader, asset, counts.fields)); break;
       case METADATA:
-        within(unit.payload.size, limits.metadata_bytes, "bytes of metadata");
+        within(unit.payload.size, limits.metadata_bytes, L06, "bytes of metadata");
         if (reader.u8_("metadata_format") != 0) asset.skipped.push_back(unit.type);
         else asset.metadata.assign(reader.at(), reader.at() + reader.left());
         reader.rest();
@@ -560,9 +555,9 @@ std::unique_ptr<Asset> read_stream(const u8* data, size_t size, const texf_limit
       case END: break;
       default: asset.skipped.push_back(unit.type); reader.rest();
     }
-    if (reader.left() > 0) fail(TEXF_INVALID, "%zu bytes are left over in a unit of type %d", reader.left(), unit.type);
+    if (reader.left() > 0) fail(S08, "%zu bytes are left over in a unit of type %d", reader.left(), unit.type);
   }
-  require(materials, "there is no materials unit");
+  require(materials, S11, "there is no materials unit");
   check_units(asset, counts);
   return owner;
 }
@@ -576,6 +571,15 @@ i64 whole_number(float value, int uv_bits, u64 uv_range) {  // 5.6.2, -1 where i
   double s = double(value) * (double(last) / double(uv_range)), n = std::floor(s + 0.5);
   if (!(n >= 0 && n <= double(last) && std::fabs(s - n) <= 0.25)) return -1;
   return (2 * i64(n) * i64(uv_range) + last) / (2 * last);
+}
+
+void check_draco(const GeometryUnit& unit) {
+  static const u8 start[11] = {0x44, 0x52, 0x41, 0x43, 0x4f, 2, 2, 1, 1, 0, 0};
+  Reader draco(unit.draco);
+  require(draco.left() >= 11 && memcmp(draco.take(11, "draco_data").data, start, 11) == 0, S20, "draco_data does not begin as 5.6 says");
+  require((draco.u8_("traversal type") & ~2) == 0, S20, "draco_data has a traversal type other than 0 and 2");
+  require_equal(draco.v("number of vertices"), unit.vertices, S21, "draco_data names another number of vertices");
+  require_equal(draco.v("number of faces"), unit.faces, S21, "draco_data names another number of faces");
 }
 
 u32 geometry_crc(const GeometryUnit& unit) {  // 5.6.3
@@ -600,11 +604,12 @@ u32 geometry_crc(const GeometryUnit& unit) {  // 5.6.3
 }  // namespace
 
 void decode_geometry(GeometryUnit& unit, int position_bits) {
+  check_draco(unit);
   draco::DecoderBuffer buffer;
   buffer.Init(reinterpret_cast<const char*>(unit.draco.data), unit.draco.size);
   draco::MeshEdgebreakerDecoder decoder;  // what 5.6 allows and no more
   draco::Mesh mesh;
-  require(decoder.Decode(draco::DecoderOptions(), &buffer, &mesh).ok(), "draco_data does not decode to a mesh");
+  require(decoder.Decode(draco::DecoderOptions(), &buffer, &mesh).ok(), S22, "draco_data does not decode to a mesh");
   const draco::PointAttribute *positions = nullptr, *uvs = nullptr;
   auto uv_type = unit.uv_bits > 0 ? draco::GeometryAttribute::TEX_COORD : draco::GeometryAttribute::GENERIC;
   auto uv_kind = unit.uv_bits > 0 ? draco::DT_FLOAT32 : draco::DT_UINT32;
@@ -614,24 +619,24 @@ void decode_geometry(GeometryUnit& unit, int position_bits) {
       positions = a;
     if (unit.planar && a->attribute_type() == uv_type && a->data_type() == uv_kind && a->num_components() == 2) uvs = a;
   }
-  require(mesh.num_attributes() == 1 + unit.planar && positions && (uvs || !unit.planar), "the attributes of draco_data are not those of 5.6");
+  require(mesh.num_attributes() == 1 + unit.planar && positions && (uvs || !unit.planar), S20, "the attributes of draco_data are not those of 5.6");
   u64 points = mesh.num_points(), most = unit.planar ? 3 * unit.faces : unit.vertices;
-  require(points >= unit.vertices && points <= most, "draco_data decodes to another number of vertices");
-  require(mesh.num_faces() == unit.faces, "draco_data decodes to another number of faces");
+  require(points >= unit.vertices && points <= most, S21, "draco_data decodes to another number of vertices");
+  require_equal(mesh.num_faces(), unit.faces, S21, "draco_data decodes to another number of faces");
   unit.position.resize(3 * points);
   unit.uv.resize(unit.planar ? 2 * points : 0);
   for (u32 p = 0; p < points; p++) {
     u32 xyz[3];
     draco::AttributeValueIndex place(positions->mapped_index(draco::PointIndex(p)).value());
-    require(place.value() < positions->size(), "draco_data has a vertex without a position");
+    require(place.value() < positions->size(), S23, "draco_data has a vertex without a position");
     positions->GetValue(place, xyz);
     for (int axis = 0; axis < 3; axis++) {
-      require(xyz[axis] >> position_bits == 0, "a position is not below 2^position_bits");
+      require(xyz[axis] >> position_bits == 0, S23, "a position is not below 2^position_bits");
       unit.position[3 * size_t(p) + axis] = xyz[axis];
     }
     if (!unit.planar) continue;
     draco::AttributeValueIndex beside(uvs->mapped_index(draco::PointIndex(p)).value());
-    require(beside.value() < uvs->size(), "draco_data has a vertex without a UV");
+    require(beside.value() < uvs->size(), S23, "draco_data has a vertex without a UV");
     u32 numbers[2];
     uvs->GetValue(beside, numbers);
     for (int axis = 0; axis < 2; axis++) {
@@ -641,7 +646,7 @@ void decode_geometry(GeometryUnit& unit, int position_bits) {
         memcpy(&value, &numbers[axis], 4);
         n = whole_number(value, unit.uv_bits, unit.uv_range);
       }
-      require(n >= 0 && n < 1 << 20, "a UV is out of its range");
+      require(n >= 0 && n < 1 << 20, S23, "a UV is out of its range");
       unit.uv[2 * size_t(p) + axis] = i32(n) + unit.uv_origin[axis];
     }
   }
@@ -649,10 +654,10 @@ void decode_geometry(GeometryUnit& unit, int position_bits) {
   for (u32 f = 0; f < unit.faces; f++)
     for (int i = 0; i < 3; i++) {
       u32 vertex = mesh.face(draco::FaceIndex(f))[i].value();
-      require(vertex < points, "draco_data has a face with a vertex that is not there");
+      require(vertex < points, S23, "draco_data has a face with a vertex that is not there");
       unit.corner[3 * size_t(f) + i] = vertex;
     }
-  require(geometry_crc(unit) == unit.crc, "geometry_crc does not match");
+  require(geometry_crc(unit) == unit.crc, S24, "geometry_crc does not match");
 }
 
 namespace {
@@ -677,8 +682,8 @@ void decode_fields(Asset& asset) {
       continue;
     }
     field.keys = field.planar ? asked_texels(asset, i) : active_voxels(asset, i, field.resolution, field.area_threshold);
-    require(field.keys.size() == field.num_keys, "num_keys does not match");
-    require(crc32(field.keys.data(), 8 * field.keys.size()) == field.keys_crc, "keys_crc does not match");
+    require_equal(field.keys.size(), field.num_keys, S30, "num_keys does not match");
+    require(crc32(field.keys.data(), 8 * field.keys.size()) == field.keys_crc, S30, "keys_crc does not match");
     std::shared_ptr<Octree> octree;  // of groups with the same level_shift, one after the other
     int shift = -1;
     for (; next < end; next++) {
@@ -693,7 +698,7 @@ void decode_fields(Asset& asset) {
         if (shift != unit.level_shift) octree = octree_of(asset.cells(i, shift = unit.level_shift), unit.depth, unit.planar);
         values = decode_raht(unit, *octree, lod);
       }
-      require(lod > 0 || crc32(values.data(), values.size()) == unit.values_crc, "values_crc does not match");
+      require(lod > 0 || crc32(values.data(), values.size()) == unit.values_crc, S32, "values_crc does not match");
       asset.values[i][unit.group] = std::move(values);
     }
   }

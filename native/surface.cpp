@@ -66,7 +66,7 @@ class Weights {
     u64 bit = 1ull << at;
     if (!(touched_[last_] & bit)) {
       touched_[last_] |= bit;
-      within(++count_, limit_, "touched voxels");
+      within(++count_, limit_, L04, "touched voxels");
     }
     if (weighted_) weights_[64 * size_t(last_) + at] += share;
   }
@@ -235,7 +235,7 @@ void count_samples(Asset& asset) {
       for (size_t l = 0; neural && l < neural->levels.size(); l++)
         if (neural->levels[l].table_log2 == 0) samples += samples_of_voxels(asset, unit, neural->levels[l].resolution);
     }
-    within(samples, asset.limits.samples, "samples");
+    within(samples, asset.limits.samples, L05, "samples");
   }
 }
 
@@ -482,7 +482,7 @@ void decode_marks(Asset& asset) {
   std::vector<Edge> edges = edges_of(corners);
   u64 count = 0;
   for_each_edge(asset, corners, edges, [&](size_t, size_t, i64 mark) { count += mark >= 0; });
-  require(count == asset.num_edges, "num_edges does not match");
+  require_equal(count, asset.num_edges, S30, "num_edges does not match");
   RangeDecoder decoder(asset.marks_data.data, asset.marks_data.size);
   std::vector<Context> table(2016);
   std::vector<std::array<u32, 2>> met(corners.position.size(), {0, 0});  // edges and sharp ones
@@ -498,14 +498,14 @@ void decode_marks(Asset& asset) {
     }
     asset.marks.push_back(u8(mark));
   });
-  require(crc32(asset.marks.data(), asset.marks.size()) == asset.marks_crc, "marks_crc does not match");
+  require(crc32(asset.marks.data(), asset.marks.size()) == asset.marks_crc, S32, "marks_crc does not match");
 }
 
 void decode_normals(Asset& asset) {
   Corners corners(asset);
   u32 count = 0;
   std::vector<u32> group = corner_groups(asset, corners, edges_of(corners), &count);
-  require(count == asset.num_groups, "num_groups does not match");
+  require_equal(count, asset.num_groups, S30, "num_groups does not match");
   std::vector<Vector> z(count, Vector{0, 0, 0});
   std::vector<u32> begin(count + 1, 0), members;  // corners of every group
   for (u32 g : group)
@@ -543,7 +543,7 @@ void decode_normals(Asset& asset) {
     for (i64 component : bent(none ? Vector{0, 0, 1 << 14} : unit_of(brought(z[g])), i, j, asset.normal_step))
       asset.normals.push_back(i16(component));
   }
-  require(crc32(asset.normals.data(), 2 * asset.normals.size()) == asset.normals_crc, "normals_crc does not match");
+  require(crc32(asset.normals.data(), 2 * asset.normals.size()) == asset.normals_crc, S32, "normals_crc does not match");
 }
 
 std::vector<std::vector<float>> shading_normals(const Asset& asset) {

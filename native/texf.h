@@ -17,19 +17,26 @@ typedef struct texf_limits {
 
 typedef struct texf_asset texf_asset;
 
+/* Why a stream is refused. finding: 100 times the exit code, and the number of the code in docs/guide/errors.md: 322 is TXF-S22, 0 is
+   no refusal; value, allowed: what the stream has, and what it may have, where `has_value` is 1. */
+typedef struct texf_refusal {
+  int32_t finding, has_value;
+  uint64_t value, allowed;
+  char sentence[232];
+} texf_refusal;
+
 /* Limits of level 3 (10.1), what every decoder of this project takes by default. */
 texf_limits texf_usual_limits(void);
 
 /* Decodes `size` bytes, `lod` levels less than there are (8.3). limits may be NULL: the usual ones. Of a stream that is refused
-   *asset is NULL and `message`, where it is not NULL, gets one sentence, cut to message_size bytes with the 0 at its end. */
-int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* limits, texf_asset** asset, char* message,
-                size_t message_size);
+   *asset is NULL and `refusal`, where it is not NULL, says why. */
+int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* limits, texf_asset** asset, texf_refusal* refusal);
 
 /* As texf_decode(), but of the attribute units those alone whose bit is set: bit i of `chosen` is the stream's i-th, bit 31 stands
    for all from the 32nd on. Others have no values, and fields with none but others no keys. So several callers decode a stream side by
    side, each its part: no unit needs another. */
 int texf_decode_chosen(const uint8_t* data, size_t size, int lod, const texf_limits* limits, uint32_t chosen, texf_asset** asset,
-                       char* message, size_t message_size);
+                       texf_refusal* refusal);
 void texf_free(texf_asset* asset);
 
 /* Arrays of an asset, in the machine's byte order (little endian wherever this has been built). */

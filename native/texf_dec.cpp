@@ -307,10 +307,10 @@ int main(int argc, char** argv) {
     return 2;
   }
   texf_asset* asset;
-  char message[256];
-  int code = texf_decode(data.data(), data.size(), lod, nullptr, &asset, message, sizeof message);
+  texf_refusal refusal;
+  int code = texf_decode(data.data(), data.size(), lod, nullptr, &asset, &refusal);
   if (code != TEXF_OK) {
-    fprintf(stderr, "%s\n", message);
+    fprintf(stderr, "TXF-%c%02d: %s\n", "---SCUL"[code], refusal.finding % 100, refusal.sentence);
     return code;
   }
   if (count == 2) {

@@ -356,7 +356,7 @@ class Raht {
     std::vector<SliceState> states;
     if (depth > 0) states.push_back(fresh_state(unit_.codewords[0]));
     if (unit_.slice_level > 0)
-      require(unit_.slice_first.back() < levels_[unit_.slice_level].count(), "a slice begins past the last node of its level");
+      require(unit_.slice_first.back() < levels_[unit_.slice_level].count(), S12, "a slice begins past the last node of its level");
     std::vector<Range> ranges{{0, 1}};
     for (d_ = 0; d_ < last; d_++) {
       if (levels_[d_].rows.empty()) find_neighbours(levels_[d_ - 1], shape_, levels_[d_]);
@@ -1299,7 +1299,7 @@ void decode_neural(Asset& asset) {
   for (LatentLevel& level : unit.levels)
     for (size_t i = 0; i < level.num_latents.size(); i++) {
       level.keys.push_back(active_voxels(asset, i, level.resolution, level.threshold));
-      require(level.keys.back().size() == level.num_latents[i], "num_latents does not match");
+      require_equal(level.keys.back().size(), level.num_latents[i], S30, "num_latents does not match");
     }
   Network network(unit);
   asset.latents = network.packed_rows();
@@ -1328,7 +1328,7 @@ void decode_neural(Asset& asset) {
         }
     }
   }
-  require(crc == unit.values_crc, "values_crc does not match");
+  require(crc == unit.values_crc, S32, "values_crc does not match");
 }
 
 }  // namespace texf

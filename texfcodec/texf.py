@@ -80,7 +80,9 @@ class Texf:
     is in the fields); metadata: dict that travelled along; groups: the channel groups; skipped: unknown ancillary units that were
     passed over; sharp_edges: bool over the edges that have a mark (spec 8.4.2), None without marks; coded_normals: int16 [G, 3]
     of the corner groups that have a coded one (8.4.4), None without any; codec, evaluators: where
-    points ask evaluators and not the voxels, the codec that made them and one for each field (codecs.base)."""
+    points ask evaluators and not the voxels, the codec that made them and one for each field (codecs.base).
+
+    Arrays over all units are joined at their first access and kept: replace() makes a Texf of other units."""
 
     cube: CanonicalCube
     units: list
@@ -105,11 +107,7 @@ class Texf:
         """Whether alpha was coded."""
         return ALPHA in self.channels
 
-    def _joined(self, pick, empty):
-        parts = [pick(u) for u in self.units]
-        return np.concatenate(parts) if parts else empty
-
-    @property
+    @cached_property
     def origin(self) -> np.ndarray:
         return np.array(self.cube.origin)
 
@@ -126,37 +124,39 @@ class Texf:
         """Largest grid resolution over the fields over voxels; 1 where there is none."""
         return max((f.support.size for f in self.fields if isinstance(f.support, VoxelSupport)), default=1)
 
-    @property
+    @cached_property
     def lattice_positions(self) -> np.ndarray:
         """int64 [V, 3], all units one after the other."""
-        return self._joined(lambda u: u.lattice, np.zeros((0, 3), np.int64))
+        return np.concatenate([np.zeros((0, 3), np.int64), *(u.lattice for u in self.units)])
 
-    @property
+    @cached_property
     def positions(self) -> np.ndarray:
         """float64 [V, 3] in world space."""
         return self.cube.to_world(self.lattice_positions)
 
-    @property
+    @cached_property
     def faces(self) -> np.ndarray:
         """int64 [F, 3] into positions, in unit order."""
         starts = np.cumsum([0] + [len(u.lattice) for u in self.units])
         parts = [u.faces + s for u, s in zip(self.units, starts[:-1], strict=True)]
-        return np.concatenate(parts) if parts else np.zeros((0, 3), np.int64)
+        return np.concatenate([np.zeros((0, 3), np.int64), *parts])
 
-    @property
+    @cached_property
     def uv(self) -> np.ndarray:
         """float64 [V, 2], parallel to positions: UVs in texels of the full image of the field; 0 where it is over voxels."""
         parts = [np.zeros((len(u.lattice), 2)) if u.uv is None else u.uv / float(1 << self.fields[u.field].support.fraction_bits)
                  for u in self.units]
-        return np.concatenate(parts) if parts else np.zeros((0, 2))
+        return np.concatenate([np.zeros((0, 2)), *parts])
 
-    @property
+    @cached_property
     def face_material(self) -> np.ndarray:
-        return self._joined(lambda u: np.full(len(u.faces), u.material), np.zeros(0, np.int64))
+        """int64 [F] into materials."""
+        return np.concatenate([np.zeros(0, np.int64), *(np.full(len(u.faces), u.material) for u in self.units)])
 
-    @property
+    @cached_property
     def face_field(self) -> np.ndarray:
-        return self._joined(lambda u: np.full(len(u.faces), u.field), np.zeros(0, np.int64))
+        """int64 [F] into fields."""
+        return np.concatenate([np.zeros(0, np.int64), *(np.full(len(u.faces), u.field) for u in self.units)])
 
     def shading_normals(self) -> np.ndarray:
         """Normals of face corners by the rules of the materials (spec clause 8.4): float32 [F, 3, 3] of length 1."""

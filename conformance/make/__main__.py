@@ -1,8 +1,8 @@
 """Makes the conformance vectors: --write rewrites conformance/ (streams, case.json, queries.json, README.md), --check says what
 would differ. --module and --only make a part of them and leave the others as they stand.
 
-Every good stream is decoded by our decoder and by the naive one of tests/naive first; nothing is written where they differ, nor
-where a title or a list of clauses promises what is not in the stream (vectors_claims.py).
+Every good stream is decoded by our decoder and by the reference one first; nothing is written where they differ, nor
+where a claim or a clause of a vector is not in its stream (claims.py).
 """
 
 import argparse
@@ -11,28 +11,17 @@ import json
 import re
 import shutil
 import sys
+from importlib import import_module
 from pathlib import Path
 
 from decode_texfcodec import arrays
 
-from conformance.make import borders as vectors_borders
-from conformance.make import constant as vectors_constant
-from conformance.make import faulty as vectors_faulty
-from conformance.make import filter as vectors_filter
-from conformance.make import good as vectors_good
-from conformance.make import materials as vectors_materials
-from conformance.make import materials_faulty as vectors_materials_faulty
-from conformance.make import neural as vectors_neural
-from conformance.make import normals as vectors_normals
-from conformance.make import planar as vectors_planar
-from conformance.make import rules as vectors_rules
-from conformance.make import texels as vectors_texels
-from conformance.make import texels_faulty as vectors_texels_faulty
 from conformance.make.claims import Case, unkept
-from conformance.make.good import Vector, parsed
+from conformance.make.good import parsed
 from conformance.make.levels import level_checks
 from conformance.make.queries import queries_file
-from naive import decoder as naive
+from conformance.make.vector import Vector, faulty, good
+from conformance.reference import decoder as naive
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
 from texfcodec.errors import TexfError
 from texfcodec.scene.channels import CHANNELS
@@ -40,12 +29,10 @@ from texfcodec.scene.scene import WRAP_NAMES
 
 HOME = Path(__file__).resolve().parents[1]
 LARGEST = 1 << 16
-# Makers of vectors, in the order of README.md.
-GOOD = ("subset", (vectors_good, vectors_constant, vectors_neural, vectors_texels, vectors_materials))
-SELDOM = ("uncommon", (vectors_good, vectors_filter, vectors_constant, vectors_neural, vectors_texels, vectors_planar,
-                       vectors_materials, vectors_normals, vectors_rules, vectors_borders))
-FAULTY = ("faulty", (vectors_faulty, vectors_filter, vectors_constant, vectors_neural, vectors_texels_faulty, vectors_planar,
-                     vectors_materials_faulty, vectors_normals))
+# Modules that make vectors, in the order of README.md.
+MAKERS = {"subset": ("good", "constant", "neural", "texels", "materials"),
+          "uncommon": ("good", "filter", "constant", "neural", "texels", "planar", "materials", "normals", "rules"),
+          "faulty": ("faulty", "filter", "constant", "neural", "texels_faulty", "planar", "materials_faulty", "normals")}
 README = """# Conformance vectors
 
 Small streams with the SHA-256 of everything that is decoded from them (clause 9 of [the specification](../bitstream_spec.md)):
@@ -54,11 +41,13 @@ Small streams with the SHA-256 of everything that is decoded from them (clause 9
 - `uncommon/`: what a decoder meets seldom, and what only another encoder would write,
 - `faulty/`: streams that have to be refused, each with a single lie; checksums are right unless they are the lie.
 
+`claims` of a good vector's case.json say what is in it; a test looks up each of them in the stream.
+
 ## Testing a decoder
 
     python conformance/run.py --decoder "<command>"      # any decoder
     python conformance/run.py                            # our own, in this process
-    python conformance/run.py --decoder "python tests/naive/decoder.py" subset/k33 faulty/   # another, on some of the cases
+    python conformance/run.py --decoder "python conformance/reference/decoder.py" subset/k33 faulty/  # another, on some cases
 
 The command is called as `<command> IN.texf OUT_DIR [--lod L]` and writes these files into `OUT_DIR`, little endian, without a
 header, and no others:
@@ -180,8 +169,8 @@ def hashes(vector, lod):
 
 
 def refuse_empty_promises(vector):
-    """Ends the program where a good vector does not hold what its title or clauses say."""
-    broken = unkept(Case(vector.title, list(vector.clauses), vector.data, list(vector.lods)))
+    """Ends the program where a good vector does not hold what its claims and clauses say."""
+    broken = unkept(Case(vector.claims, vector.clauses, vector.data, vector.lods))
     if broken:
         raise SystemExit(f"{vector.name}: {'; '.join(broken)}")
 
@@ -193,8 +182,8 @@ def case_of(vector):
         return case | {"features": {"bytes": len(vector.data)}, "expect": vector.expect, "code": vector.code}
     refuse_empty_promises(vector)
     levels = level_checks(vector.data)
-    return case | {"features": features(vector), "lods": {str(lod): hashes(vector, lod) for lod in vector.lods},
-                   **({"levels": levels} if levels else {})}
+    lods = {str(lod): hashes(vector, lod) for lod in vector.lods}
+    return case | {"claims": vector.claims, "features": features(vector), "lods": lods, **({"levels": levels} if levels else {})}
 
 
 def refusal(data):
@@ -243,7 +232,8 @@ def standing():
     for name in re.findall(r"^\| ((?:subset|uncommon|faulty)/\w+) \|", (HOME / "README.md").read_text(encoding="utf-8"), re.M):
         case, data = json.loads((HOME / name / "case.json").read_text(encoding="utf-8")), (HOME / name / "in.texf").read_bytes()
         lods = tuple(map(int, case.get("lods", {"0": None})))
-        out.append(Vector(name, case["title"], tuple(case["clauses"]), data, lods, case.get("expect", ""), case.get("code", "")))
+        how, claims = (case.get("expect", ""), case.get("code", "")), tuple(case.get("claims", ()))
+        out.append(Vector(name, case["title"], tuple(case["clauses"]), data, lods, *how, claims))
     return out
 
 
@@ -283,8 +273,12 @@ def write(files):
 
 def vectors_made(module=None):
     """All vectors, in the order of README.md, or those of one module."""
-    return [vector for kind, makers in (GOOD, SELDOM, FAULTY) for maker in makers if module in (None, maker.__name__)
-            for vector in getattr(maker, kind)()]
+    out = []
+    for kind, makers in MAKERS.items():
+        for maker in makers if module is None else [name for name in makers if name == module]:
+            rows = getattr(import_module(f"conformance.make.{maker}"), kind)()
+            out += [faulty(*row) if kind == "faulty" else good(kind, *row) for row in rows]
+    return out
 
 
 def main():
@@ -293,7 +287,7 @@ def main():
     mode = parser.add_mutually_exclusive_group(required=True)
     mode.add_argument("--write", action="store_true", help="rewrite conformance/")
     mode.add_argument("--check", action="store_true", help="exit 7 where conformance/ is not what would be written")
-    parser.add_argument("--module", metavar="NAME", help="make the vectors of this module, such as vectors_rules")
+    parser.add_argument("--module", metavar="NAME", help="make the vectors of this module, such as rules")
     parser.add_argument("--only", metavar="PART", help="ask the streams that stand there, of whose names this is a part, anew")
     arguments = parser.parse_args()
     if arguments.module or arguments.only:

@@ -1,11 +1,9 @@
-"""What the title and the clauses of a good conformance vector promise, looked up in its stream and in what it decodes to.
+"""The claims of good conformance vectors, each looked up in the vector's stream and in what it decodes to.
 
-A title is read phrase by phrase: every phrase is one of PROMISES, with the predicate that it stands for, or one of UNSEEN, which
-describe a scene and promise nothing of the stream. A phrase that is neither is an error, so that no title promises unchecked.
+A vector lists its claims: keys of CLAIMS, alone or as (key, argument, ...). Its title is those keys with their arguments put in.
 """
 
 import json
-import re
 import zlib
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +16,7 @@ from conformance.make.claims_planar import PLANAR, PLANAR_CLAUSES
 from conformance.make.claims_texels import TEXELS
 from conformance.make.good import parsed, units_of, values_of
 from conformance.make.trace import traced
+from conformance.make.vector import in_full, title_of
 from texfcodec import decode
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, UNIT_MATERIALS, UNIT_METADATA
 from texfcodec.bitstream.units import write_unit
@@ -30,7 +29,6 @@ from texfcodec.scene.channels import ALPHA, BASE_COLOUR
 from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, ALPHA_OPAQUE
 
 RAHT_ID, CONSTANT_ID = 0, 2
-NUMBERS = {"a": 1, "one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6, "eight": 8}
 CHANNELS_OF = {"colour": {BASE_COLOUR.semantic}, "alpha": {ALPHA.semantic}, "both": {BASE_COLOUR.semantic, ALPHA.semantic}}
 LARGEST_MEAN = 1 << 22
 LARGEST_HALF = 0x6BFF  # 4094 as binary16
@@ -38,9 +36,9 @@ LARGEST_HALF = 0x6BFF  # 4094 as binary16
 
 @dataclass
 class Case:
-    """A good vector as it stands: title and clauses, its bytes and the levels of detail that it lists."""
+    """A good vector as it stands: claims and clauses, its bytes and the levels of detail that it lists."""
 
-    title: str
+    claims: list
     clauses: list
     data: bytes
     lods: list
@@ -86,7 +84,7 @@ class Case:
 def case_at(folder):
     """The Case of a vector's folder."""
     case = json.loads((folder / "case.json").read_text(encoding="utf-8"))
-    return Case(case["title"], case["clauses"], (folder / "in.texf").read_bytes(), [int(lod) for lod in case["lods"]])
+    return Case(case["claims"], case["clauses"], (folder / "in.texf").read_bytes(), [int(lod) for lod in case["lods"]])
 
 
 def silent_taps(unit, keys):
@@ -103,7 +101,7 @@ def silent_taps(unit, keys):
 # Predicates that do not fit a line
 
 
-def has_stages(case, count):
+def has_stages(case, count=None):
     """Every filtered unit has so many stages, there is one, and each stage with a bit in its mask changes a value."""
     filtered = [i for i, stages in enumerate(case.stages) if stages]
     heard = all(len(silent) < len(stage["filter_coefficients"]) or not stage["filter_mask"]
@@ -125,13 +123,13 @@ def groups_of(case, units):
 def has_component_filter(case, component):
     """All five classes of this component of three, and nothing else."""
     wanted = sum(1 << 3 * k + component for k in range(5))
-    return has_stages(case, None) and all(s["filter_mask"] == wanted for stages in case.stages for s in stages)
+    return has_stages(case) and all(s["filter_mask"] == wanted for stages in case.stages for s in stages)
 
 
 def has_every_tap(case):
     """The masks are full and every tap changes a value."""
     full = all(s["filter_mask"] == (1 << 5 * u["NumComponents"]) - 1 for u in case.raht for s in u["filters"])
-    return full and has_stages(case, None) and not any(silent for of_unit in case.silent for silent in of_unit)
+    return full and has_stages(case) and not any(silent for of_unit in case.silent for silent in of_unit)
 
 
 def has_slices(case):
@@ -217,172 +215,170 @@ def edge_lengths(case):
     return [int(np.abs(u.lattice[face[1]] - u.lattice[face[0]]).max()) for u in case.texf.units for face in u.faces]
 
 
-# Phrase (all of it, case ignored) -> predicate of the case and the phrase's groups.
+# Claim -> predicate of the Case and the arguments.
 HEADER_AND_FIELDS = {
-    r"B = (\d+)|position_bits (\d+)": lambda c, a, b: c.header["position_bits"] == int(a or b),
-    r"K = (\d+)": lambda c, k: set(c.grids) == {int(k)},
-    r"K = G = (\d+)": lambda c, k: set(c.grids) == {int(k)} <= {level["level_resolution"] for level in c.levels},
-    r"a single block": lambda c: c.grids == [2],
-    r"no power of two": lambda c: all(k & (k - 1) for k in c.grids),
-    r"K = (\d+) and all its levels of detail": lambda c, k:
-        c.grids == [int(k)] and {*range((int(k) - 1).bit_length() + 1)} < {*c.lods},
-    r"a Draco mesh of traversal type (\d)": lambda c, n: {bytes(u["draco_data"])[11] for u in c.stream.geometry} == {int(n)},
-    r"side (\d+)": lambda c, n: c.header["side"] == int(n),
-    r"(\d+) channel groups": lambda c, n: c.header["num_channel_groups"] == int(n),
-    r"an empty mesh": lambda c: c.stream.faces == 0,
-    r"two sheets and a face of one step": lambda c: sorted(edge_lengths(c)) == [1, 1000, 1000],
-    r"each in a field of its own": lambda c: [(u.field, len(u.faces)) for u in c.texf.units] == [(n, 1) for n in range(3)],
-    r"(\d+) faces that share no corner": lambda c, n: [u.faces.size for u in c.texf.units] == [3 * int(n)] ==
+    "B = {}": lambda c, bits: c.header["position_bits"] == bits,
+    "K = {}": lambda c, k: set(c.grids) == {k},
+    "K = G = {}": lambda c, k: set(c.grids) == {k} <= {level["level_resolution"] for level in c.levels},
+    "a single block": lambda c: c.grids == [2],
+    "no power of two": lambda c: all(k & (k - 1) for k in c.grids),
+    "all levels of detail": lambda c: {*range(c.texf.fields[0].support.depth + 1)} < {*c.lods},
+    "a Draco mesh of traversal type {}": lambda c, n: {bytes(u["draco_data"])[11] for u in c.stream.geometry} == {n},
+    "side {}": lambda c, n: c.header["side"] == n,
+    "{} channel groups": lambda c, n: c.header["num_channel_groups"] == n,
+    "an empty mesh": lambda c: c.stream.faces == 0,
+    "two sheets and a face of one step": lambda c: sorted(edge_lengths(c)) == [1, 1000, 1000],
+    "each in a field of its own": lambda c: [(u.field, len(u.faces)) for u in c.texf.units] == [(n, 1) for n in range(3)],
+    "{} faces that share no corner": lambda c, n: [u.faces.size for u in c.texf.units] == [3 * n] ==
         [len(np.unique(u.lattice, axis=0)) for u in c.texf.units],
-    r"one triangle": lambda c: c.stream.faces == 1,
-    r"a triangle thinner than a voxel": lambda c: c.stream.faces == 1
+    "one triangle": lambda c: c.stream.faces == 1,
+    "a triangle thinner than a voxel": lambda c: c.stream.faces == 1
         and 0 < twice_area(c) < (1 << 2 * c.header["position_bits"]) / c.grids[0],
-    r"a triangle whose corners have one grid coordinate": lambda c: point_faces(c) == 1,
-    r"all vertices but three on voxel corners": lambda c: off_corner(c) == 3,
-    r"a mesh that is not a manifold": lambda c: least_faces(c) > 2,
-    r"coordinates near 1e(-?\d+)": lambda c, power: magnitude_is(c, int(power)),
-    r"area_threshold (\d+) keeps every touched voxel": lambda c, n:
-        not drops_voxels(c) and c.stream.fields[0]["area_threshold"] == int(n),
-    r"area_threshold (\d+) drops some": lambda c, n: drops_voxels(c) and c.stream.fields[0]["area_threshold"] == int(n),
-    r"five materials in one field": lambda c: (c.header["num_materials"], len(c.grids)) == (5, 1),
-    r"two fields": lambda c: len(c.stream.fields) == 2,
-    r"(two )?fields of different K( on two grids)?": lambda c, _, grids:
-        len(set(c.grids)) == 2 and (not grids or [level["table_log2"] for level in c.levels] == [0, 0]),
-    r"geometry units out of field order": lambda c: (order := [u["field_index"] for u in c.stream.geometry]) != sorted(order),
-    r"alpha group for a MASK material beside an opaque one": lambda c: ALPHA.semantic in c.semantics
+    "a triangle whose corners have one grid coordinate": lambda c: point_faces(c) == 1,
+    "all vertices but three on voxel corners": lambda c: off_corner(c) == 3,
+    "a mesh that is not a manifold": lambda c: least_faces(c) > 2,
+    "coordinates near 1e{}": magnitude_is,
+    "area_threshold {} keeps every touched voxel": lambda c, n:
+        not drops_voxels(c) and c.stream.fields[0]["area_threshold"] == n,
+    "area_threshold {} drops some": lambda c, n: drops_voxels(c) and c.stream.fields[0]["area_threshold"] == n,
+    "five materials in one field": lambda c: (c.header["num_materials"], len(c.grids)) == (5, 1),
+    "two fields": lambda c: len(c.stream.fields) == 2,
+    "fields of different K": lambda c: len(set(c.grids)) == 2,
+    "geometry units out of field order": lambda c: (order := [u["field_index"] for u in c.stream.geometry]) != sorted(order),
+    "alpha group for a MASK material beside an opaque one": lambda c: ALPHA.semantic in c.semantics
         and {m["alpha_mode"] for m in c.stream.materials} == {ALPHA_MASK, ALPHA_OPAQUE},
-    r"alpha group for a BLEND material": lambda c: ALPHA.semantic in c.semantics
+    "alpha group for a BLEND material": lambda c: ALPHA.semantic in c.semantics
         and {m["alpha_mode"] for m in c.stream.materials} == {ALPHA_BLEND},
-    r"colour and alpha": lambda c: c.semantics == [BASE_COLOUR.semantic, ALPHA.semantic],
-    r"the alpha group first|alpha before colour": lambda c: c.semantics == [ALPHA.semantic, BASE_COLOUR.semantic],
-    r"a metadata unit": lambda c: c.stream.metadata is not None,
-    r"metadata early": metadata_is_early,
-    r"metadata of another format": other_metadata,
-    r"unknown ancillary units": lambda c: len(c.stream.skipped) > 1,
-    r"checksums of 0 and of 2\^32 - 1": lambda c:
+    "colour and alpha": lambda c: c.semantics == [BASE_COLOUR.semantic, ALPHA.semantic],
+    "alpha before colour": lambda c: c.semantics == [ALPHA.semantic, BASE_COLOUR.semantic],
+    "a metadata unit": lambda c: c.stream.metadata is not None,
+    "metadata early": metadata_is_early,
+    "metadata of another format": other_metadata,
+    "unknown ancillary units": lambda c: len(c.stream.skipped) > 1,
+    "checksums of 0 and of 2^32 - 1": lambda c:
         {bytes(4), b"\xff" * 4} <= {write_unit(*unit)[-4:] for unit in units_of(c.data)},
 }
 CODEWORDS = {
-    r"no level": lambda c: c.each(lambda u: u["Depth"] == 0),
-    r"no codeword": lambda c: c.each(lambda u: not u["codewords"]),
-    r"a codeword of no bytes": lambda c: (not c.raht or c.each(lambda u: u["codewords"])) and c.codewords == b"",
-    r"a codeword that begins above every range": lambda c: c.codewords[:4] == b"\xff" * 4,
-    r"a codeword that begins with the bound of its first bit": lambda c: c.codewords[:4] == (65535 * 32768).to_bytes(4, "big"),
-    r"numbers of eight bytes": lambda c: c.each(lambda u: min(min(word["level_bytes"]) for word in u["codewords"]) >> 49 > 0),
-    r"random bytes": lambda c: is_noise(c.codewords),
-    r"zeros": lambda c: c.codewords[:20] == bytes(20),
-    r"then random bytes": lambda c: is_noise(c.codewords.lstrip(b"\0")),
-    r"random bytes as a codeword": lambda c: is_noise(c.codewords),
-    r"more than are read": lambda c: c.trace.unread > 0,
-    r"random bytes through the mixed contexts": lambda c: is_noise(c.codewords) and c.each(lambda u: u["num_models"]),
-    r"random bytes through the residuals": lambda c: is_noise(c.codewords) and c.each(lambda u: u["residual"]),
-    r"zeros up to the middle of the residuals": lambda c:
+    "no level": lambda c: c.each(lambda u: u["Depth"] == 0),
+    "no codeword": lambda c: c.each(lambda u: not u["codewords"]),
+    "a codeword of no bytes": lambda c: (not c.raht or c.each(lambda u: u["codewords"])) and c.codewords == b"",
+    "a codeword that begins above every range": lambda c: c.codewords[:4] == b"\xff" * 4,
+    "a codeword that begins with the bound of its first bit": lambda c: c.codewords[:4] == (65535 * 32768).to_bytes(4, "big"),
+    "numbers of eight bytes": lambda c: c.each(lambda u: min(min(word["level_bytes"]) for word in u["codewords"]) >> 49 > 0),
+    "zeros": lambda c: c.codewords[:20] == bytes(20),
+    "then random bytes": lambda c: is_noise(c.codewords.lstrip(b"\0")),
+    "random bytes as a codeword": lambda c: is_noise(c.codewords),
+    "more than are read": lambda c: c.trace.unread > 0,
+    "random bytes through the mixed contexts": lambda c: is_noise(c.codewords) and c.each(lambda u: u["num_models"]),
+    "random bytes through the residuals": lambda c: is_noise(c.codewords) and c.each(lambda u: u["residual"]),
+    "zeros up to the middle of the residuals": lambda c:
         c.codewords[:1000] == bytes(1000) and c.each(lambda u: u["residual"]),
-    r"the largest ones": lambda c: c.trace.escapes >= 240 and c.each(lambda u: u["residual"]),
-    r"long magnitudes": lambda c: c.trace.escapes > 0,
-    r"the longest (magnitudes|escapes)": lambda c, _: c.trace.escapes >= 1 << 24,
-    r"saturated differences and means": lambda c: c.trace.differences == LARGEST_MEAN - 1
+    "the largest ones": lambda c: c.trace.escapes >= 240 and c.each(lambda u: u["residual"]),
+    "long magnitudes": lambda c: c.trace.escapes > 0,
+    "the longest escapes": lambda c: c.trace.escapes >= 1 << 24,
+    "saturated differences and means": lambda c: c.trace.differences == LARGEST_MEAN - 1
         and {("attributes", LARGEST_MEAN), ("attributes", -LARGEST_MEAN)} <= c.trace.clipped,
-    r"means at their bounds": lambda c: {("filter" if any(c.stages) else "attributes", sign * LARGEST_MEAN) for sign in (-1, 1)}
+    "means at their bounds": lambda c: {("filter" if any(c.stages) else "attributes", sign * LARGEST_MEAN) for sign in (-1, 1)}
         <= c.trace.clipped,
-    r"clipped values": lambda c: {("attributes", 0), ("attributes", 255)} <= c.trace.clipped,
-    r"probabilities at their lower bound": lambda c: ("attributes", 24) in c.trace.clipped,
+    "clipped values": lambda c: {("attributes", 0), ("attributes", 255)} <= c.trace.clipped,
+    "probabilities at their lower bound": lambda c: ("attributes", 24) in c.trace.clipped,
 }
 RAHT = {
-    r"(?:noise at )?the smallest step": lambda c: c.each(lambda u: set(u["qp"]) == {0}),
-    r"the largest step": lambda c: c.each(lambda u: max(u["qp"]) == 63),
-    r"another prediction kernel": lambda c: c.each(lambda u: tuple(u["kernel"]) != tuple(DEFAULT_KERNEL)),
-    r"one weight 0": lambda c: c.each(lambda u: list(u["kernel"]).count(0) == 1),
-    r"direct contexts": lambda c: c.each(lambda u: u["num_models"] == 0),
-    r"a single model": lambda c: c.each(lambda u: u["num_models"] == 1),
-    r"(six|eight) models": lambda c, n: c.each(lambda u: u["num_models"] == NUMBERS[n]),
-    r"(no )?colour range": lambda c, no: c.each(lambda u: (u["colour_range"] == 0) == bool(no)),
-    r"three components without a colour transform": lambda c: c.each(
+    "the smallest step": lambda c: c.each(lambda u: set(u["qp"]) == {0}),
+    "the largest step": lambda c: c.each(lambda u: max(u["qp"]) == 63),
+    "another prediction kernel": lambda c: c.each(lambda u: tuple(u["kernel"]) != tuple(DEFAULT_KERNEL)),
+    "one weight 0": lambda c: c.each(lambda u: list(u["kernel"]).count(0) == 1),
+    "direct contexts": lambda c: c.each(lambda u: u["num_models"] == 0),
+    "a single model": lambda c: c.each(lambda u: u["num_models"] == 1),
+    "{} models": lambda c, n: c.each(lambda u: u["num_models"] == n),
+    "colour range": lambda c: c.each(lambda u: u["colour_range"] > 0),
+    "no colour range": lambda c: c.each(lambda u: u["colour_range"] == 0),
+    "three components without a colour transform": lambda c: c.each(
         lambda u: u["colour_transform"] == 0 and u["NumComponents"] == 3),
-    r"no transform": lambda c: c.each(lambda u: u["colour_transform"] == 0),
-    r"(?:with )?slices": has_slices,
-    r"(?:with )?slices with the level index": lambda c: has_slices(c) and c.each(lambda u: u["level_index"]),
-    r"with slices and the level index": lambda c: has_slices(c) and c.each(lambda u: u["level_index"]),
-    r"(?:with )?slices of colour and alpha": lambda c: has_slices(c) and len(c.raht) == len(c.semantics) == 2,
-    r"slices from level (\d+) on": lambda c, n: has_slices(c) and c.each(lambda u: u["slice_level"] == int(n)),
-    r"a trunk with a single slice": lambda c: c.each(lambda u: u["slice_level"] > 0 and u["NumSlices"] == 1),
-    r"the level index without slices": lambda c: c.each(lambda u: u["level_index"] and u["slice_level"] == 0),
-    r"lossless( with slices)?": lambda c, slices: c.each(lambda u: u["residual"] == 1) and (not slices or has_slices(c)),
-    r"noise with errors of at most (\d+) from a coarse field": lambda c, n:
-        c.each(lambda u: u["residual"] == int(n) + 1 and min(u["qp"]) >= 30),
+    "no transform": lambda c: c.each(lambda u: u["colour_transform"] == 0),
+    "slices": has_slices,
+    "slices with the level index": lambda c: has_slices(c) and c.each(lambda u: u["level_index"]),
+    "slices of colour and alpha": lambda c: has_slices(c) and len(c.raht) == len(c.semantics) == 2,
+    "slices from level {} on": lambda c, n: has_slices(c) and c.each(lambda u: u["slice_level"] == n),
+    "a trunk with a single slice": lambda c: c.each(lambda u: u["slice_level"] > 0 and u["NumSlices"] == 1),
+    "the level index without slices": lambda c: c.each(lambda u: u["level_index"] and u["slice_level"] == 0),
+    "lossless": lambda c: c.each(lambda u: u["residual"] == 1),
+    "noise with errors of at most {} from a coarse field": lambda c, n:
+        c.each(lambda u: u["residual"] == n + 1 and min(u["qp"]) >= 30),
 }
 FILTERS = {
-    r"no filter": lambda c: c.each(lambda u: not u["filters"]),
-    r"a filter": lambda c: has_stages(c, None),
-    r"a filter that the encoder has fitted": lambda c: has_stages(c, None),
-    r"(two|three) filter stages": lambda c, n: has_stages(c, NUMBERS[n]),
-    r"three filter stages that have nothing to do": lambda c: c.each(
+    "no filter": lambda c: c.each(lambda u: not u["filters"]),
+    "a filter": has_stages,
+    "{} filter stages": has_stages,
+    "three filter stages that have nothing to do": lambda c: c.each(
         lambda u: len(u["filters"]) == 3 and all(s["filter_mask"] for s in u["filters"])) and not has_stages(c, 3),
-    r"a filter stage of every class and component": lambda c: has_stages(c, 1) and has_every_tap(c),
-    r"a filter of alpha alone": lambda c: has_stages(c, None) and filters_only(c, ALPHA.semantic),
-    r"a filter of colour alone": lambda c: has_stages(c, None) and filters_only(c, BASE_COLOUR.semantic),
-    r"beside alpha": lambda c: ALPHA.semantic in c.semantics,
-    r"a filter of component (\d) alone": lambda c, n: has_component_filter(c, int(n)),
-    r"a filter of the second alone": lambda c: has_stages(c, None) and [bool(stages) for stages in c.stages] == [False, True],
-    r"the second without a bit in its mask": lambda c: c.each(
+    "a filter stage of every class and component": lambda c: has_stages(c, 1) and has_every_tap(c),
+    "a filter of alpha alone": lambda c: has_stages(c) and filters_only(c, ALPHA.semantic),
+    "a filter of colour alone": lambda c: has_stages(c) and filters_only(c, BASE_COLOUR.semantic),
+    "beside alpha": lambda c: ALPHA.semantic in c.semantics,
+    "a filter of component {} alone": has_component_filter,
+    "a filter of the second alone": lambda c: has_stages(c) and [bool(stages) for stages in c.stages] == [False, True],
+    "the second without a bit in its mask": lambda c: c.each(
         lambda u: [bool(s["filter_mask"]) for s in u["filters"]] == [True, False, True]),
-    r"lossless after three filter stages": lambda c: has_stages(c, 3) and c.each(lambda u: u["residual"] == 1 and u["filters"]),
-    r"errors of at most (\d) after a filter stage": lambda c, n:
-        has_stages(c, 1) and c.each(lambda u: u["residual"] == int(n) + 1 and u["filters"]),
-    r"coefficients of -128 and 127": lambda c: {-128, 127} == {t for u in c.stages for s in u for t in s["filter_coefficients"]},
-    r"and voxels without a neighbour": lambda c: lonely_voxels(c) > 0,
+    "lossless after three filter stages": lambda c: has_stages(c, 3) and c.each(lambda u: u["residual"] == 1 and u["filters"]),
+    "errors of at most {} after a filter stage": lambda c, n:
+        has_stages(c, 1) and c.each(lambda u: u["residual"] == n + 1 and u["filters"]),
+    "coefficients of -128 and 127": lambda c: {-128, 127} == {t for u in c.stages for s in u for t in s["filter_coefficients"]},
+    "voxels without a neighbour": lambda c: lonely_voxels(c) > 0,
 }
 CONSTANT = {
-    r"(colour|alpha|both) constant": lambda c, which: groups_of(c, c.constant) == CHANNELS_OF[which],
-    r"(colour|alpha) constant beside RAHT (colour|alpha)": lambda c, which, other:
+    "{} constant": lambda c, which: groups_of(c, c.constant) == CHANNELS_OF[which],
+    "{} constant beside RAHT {}": lambda c, which, other:
         (groups_of(c, c.constant), groups_of(c, c.raht)) == (CHANNELS_OF[which], CHANNELS_OF[other]),
-    r"values of 0 and 255": lambda c: {v for unit in c.constant for v in unit["plane_value"]} == {0, 255},
-    r"the second constant": lambda c: [u["field_index"] for u in c.constant] == [1] and [u["field_index"] for u in c.raht] == [0],
-    r"all constant": lambda c: bool(c.constant) and not c.raht,
+    "values of 0 and 255": lambda c: {v for unit in c.constant for v in unit["plane_value"]} == {0, 255},
+    "the second constant": lambda c: [u["field_index"] for u in c.constant] == [1] and [u["field_index"] for u in c.raht] == [0],
+    "all constant": lambda c: bool(c.constant) and not c.raht,
 }
 NEURAL = {
-    r"3DNTC": lambda c: c.neural is not None,
-    r"a grid of latents": lambda c: [level["table_log2"] for level in c.levels] == [0],
-    r"(resident|transport) form": lambda c, form:
+    "3DNTC": lambda c: c.neural is not None,
+    "a grid of latents": lambda c: [level["table_log2"] for level in c.levels] == [0],
+    "two grids": lambda c: [level["table_log2"] for level in c.levels] == [0, 0],
+    "{} form": lambda c, form:
         c.neural["form"] == {"resident": FORM_RESIDENT, "transport": FORM_TRANSPORT}[form],
-    r"two hash tables": lambda c: len(c.levels) == 2 and all(level["table_log2"] for level in c.levels),
-    r"two fields share a hash table of another grid": lambda c: len(c.grids) == 2 and any(
+    "two hash tables": lambda c: len(c.levels) == 2 and all(level["table_log2"] for level in c.levels),
+    "two fields share a hash table of another grid": lambda c: len(c.grids) == 2 and any(
         level["table_log2"] and level["level_resolution"] not in c.grids for level in c.levels),
-    r"four levels": lambda c: len(c.levels) == 4,
-    r"hashed ones between grids": lambda c: [level["table_log2"] > 0 for level in c.levels] == [True, False, True, False],
-    r"a grid as fine": lambda c: c.grids == [level["level_resolution"] for level in c.levels if level["table_log2"] == 0],
-    r"a grid of one cell": lambda c: any((lv["level_resolution"], lv["table_log2"]) == (1, 0) for lv in c.levels),
-    r"a grid of (\d+)": lambda c, n: any((lv["level_resolution"], lv["table_log2"]) == (int(n), 0) for lv in c.levels),
-    r"a latent_threshold that leaves points without latents": lambda c: c.trace.empty,
-    r"hidden layers of 5, 1 and 128 units": lambda c: c.neural["hidden_width"] == [5, 1, 128],
-    r"four hidden layers": lambda c: len(c.neural["hidden_width"]) == 4,
-    r"no waves": lambda c: c.neural["wave_octaves"] == 0,
-    r"two latents a row": lambda c: c.neural["num_features"] == 2,
-    r"eight octaves": lambda c: c.neural["wave_octaves"] == 8,
-    r"first_wave (\d+)": lambda c, n: c.neural["first_wave"] == int(n),
-    r"the most inputs that there are": lambda c: c.neural["Widths"][0] == 4 * 64 + 6 * 8,
-    r"parameters of \+-4094": lambda c: {LARGEST_HALF, LARGEST_HALF | 1 << 15} <= set(c.halves.tolist()),
-    r"saturated activations": lambda c: {("neural", 1 << 24), ("neural", -(1 << 24))} <= c.trace.clipped,
-    r"subnormal parameters": lambda c: bool(((c.halves >> 10 & 31 == 0) & (c.halves & 1023 > 0)).any()),
-    r"zeros of both signs": lambda c: {0, 1 << 15} <= set(c.halves.tolist()),
-    r"rounding to fixed point": rounded_halves,
-    r"parameters of any sign, exponent and fraction": lambda c:
+    "four levels": lambda c: len(c.levels) == 4,
+    "hashed ones between grids": lambda c: [level["table_log2"] > 0 for level in c.levels] == [True, False, True, False],
+    "a grid as fine": lambda c: c.grids == [level["level_resolution"] for level in c.levels if level["table_log2"] == 0],
+    "a grid of one cell": lambda c: any((lv["level_resolution"], lv["table_log2"]) == (1, 0) for lv in c.levels),
+    "a grid of {}": lambda c, n: any((lv["level_resolution"], lv["table_log2"]) == (n, 0) for lv in c.levels),
+    "a latent_threshold that leaves points without latents": lambda c: c.trace.empty,
+    "hidden layers of 5, 1 and 128 units": lambda c: c.neural["hidden_width"] == [5, 1, 128],
+    "four hidden layers": lambda c: len(c.neural["hidden_width"]) == 4,
+    "no waves": lambda c: c.neural["wave_octaves"] == 0,
+    "two latents a row": lambda c: c.neural["num_features"] == 2,
+    "eight octaves": lambda c: c.neural["wave_octaves"] == 8,
+    "first_wave {}": lambda c, n: c.neural["first_wave"] == n,
+    "the most inputs that there are": lambda c: c.neural["Widths"][0] == 4 * 64 + 6 * 8,
+    "parameters of +-4094": lambda c: {LARGEST_HALF, LARGEST_HALF | 1 << 15} <= set(c.halves.tolist()),
+    "saturated activations": lambda c: {("neural", 1 << 24), ("neural", -(1 << 24))} <= c.trace.clipped,
+    "subnormal parameters": lambda c: bool(((c.halves >> 10 & 31 == 0) & (c.halves & 1023 > 0)).any()),
+    "zeros of both signs": lambda c: {0, 1 << 15} <= set(c.halves.tolist()),
+    "rounding to fixed point": rounded_halves,
+    "parameters of any sign, exponent and fraction": lambda c:
         {*range(27)} <= set((c.halves >> 10 & 31).tolist()) and len(set((c.halves & 1023).tolist())) > 100,
-    r"all codes -8": lambda c: set(neural_codes(c).ravel().tolist()) == {-8},
-    r"a short codeword": lambda c: len(c.codewords) * 8 < neural_codes(c).size,
+    "all codes -8": lambda c: set(neural_codes(c).ravel().tolist()) == {-8},
+    "a short codeword": lambda c: len(c.codewords) * 8 < neural_codes(c).size,
 }
-PROMISES = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | TEXELS | PLANAR | CONSTANT | NEURAL | MATERIALS | NORMALS
-# What a scene looks like, and limits that a scene was built to lie on: nothing that the stream says.
-UNSEEN = ("a ribbon", "one inside the other", "areas and heights exactly on a limit", "one colour but for a few spots",
+# What a scene looks like, and limits that a scene was built to lie on: nothing that can be looked up in the stream.
+SCENES = ("a ribbon", "one inside the other", "areas and heights exactly on a limit", "one colour but for a few spots",
           "two values but for a few spots", "a sample that one rounding would move", "folds on both sides of every step",
           "area weights exactly at area_threshold and just below it", "floats a quarter beside their numbers")
+CLAIMS = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | TEXELS | PLANAR | CONSTANT | NEURAL | MATERIALS | NORMALS
+CLAIMS |= dict.fromkeys(SCENES, lambda case: True)
 # Clause -> what a vector that lists it has to hold, for the tools that a stream may do without.
 CLAUSES = {
     "5.6.1": lambda c: c.grids,
     "5.6.2": lambda c: c.images,
     **dict.fromkeys(("6.1", "6.2", "6.3", "6.4"), lambda c: c.grids),
     **dict.fromkeys(("6.5", "6.5.1", "6.5.2", "6.5.4"), lambda c: c.images),
-    "6.5.3": lambda c: PROMISES["UVs beside the image"](c),
+    "6.5.3": TEXELS["UVs beside the image"],
     "5.7.2": lambda c: c.each(lambda u: u["Depth"] > 0),
     "5.7.3": lambda c: any(c.stages),
     "5.7.4": lambda c: c.neural,
@@ -392,7 +388,7 @@ CLAUSES = {
     "7.5.2": lambda c: c.each(lambda u: u["num_models"] == 0),
     "7.5.5": lambda c: c.each(lambda u: u["num_models"] > 0),
     "7.6.4": lambda c: c.each(lambda u: u["num_models"] > 0),
-    "7.7": lambda c: has_stages(c, None),
+    "7.7": lambda c: has_stages(c),
     "7.8.1": lambda c: any(u["colour_transform"] == 0 for u in c.raht),
     "7.8.2": lambda c: any(u["colour_transform"] == 1 for u in c.raht),
     "7.9": lambda c: c.each(lambda u: u["residual"] > 0),
@@ -400,27 +396,14 @@ CLAUSES = {
 } | PLANAR_CLAUSES | MATERIAL_CLAUSES | NORMALS_CLAUSES
 
 
-def phrases_of(title):
-    """(phrase, predicate or None, its groups) from left to right, the longest known phrase at each place; what is not known, as
-    far as the next comma or colon, has the groups None."""
-    at, found = 0, []
-    while at < len(title):
-        known = [(m, check) for text, check in PROMISES.items() if (m := re.compile(f"(?:{text})(?=[,:]|$)").match(title, at))]
-        known += [(m, None) for text in UNSEEN if (m := re.compile(f"{re.escape(text)}(?=[,:]|$)").match(title, at))]
-        match, check = max(known, key=lambda pair: pair[0].end(), default=(None, None))
-        end = match.end() if match else re.compile("[,:]|$").search(title, at).start()
-        found.append((title[at:end], check, match.groups() if match else None))
-        at = end + 2
-    return found
-
-
 def unkept(case):
-    """Promises of a Case that its stream does not keep: one sentence each."""
+    """Claims of a Case that its stream does not keep: one sentence each."""
     out = []
-    for phrase, check, groups in phrases_of(case.title):
-        if groups is None:
-            out.append(f"nothing checks '{phrase}'")
-        elif check and not check(case, *groups):
-            out.append(f"'{phrase}' is not there")
+    for claim in case.claims:
+        key, *arguments = in_full(claim)
+        if key not in CLAIMS:
+            out.append(f"nothing checks '{key}'")
+        elif not CLAIMS[key](case, *arguments):
+            out.append(f"'{title_of([claim])}' is not there")
     neural = [clause for clause in case.clauses if clause.startswith("11.") and not case.neural]
     return out + [f"nothing of clause {c} is there" for c in case.clauses if c in neural or c in CLAUSES and not CLAUSES[c](case)]

@@ -1,4 +1,4 @@
-"""What titles and clauses of good conformance vectors promise of whole materials; vectors_claims.py reads them."""
+"""What good conformance vectors claim of whole materials; claims.py has them all."""
 
 import numpy as np
 
@@ -69,34 +69,34 @@ def is_grey(case, name):
         and all((plane == plane[:, :1]).all() and len(np.unique(plane)) > 1 for plane in planes)
 
 
-# Phrase (all of it, case ignored) -> predicate of the Case of vectors_claims.py and the phrase's groups.
+# Claim -> predicate of the Case of claims.py and the arguments.
 MATERIALS = {
-    r"maps of occlusion, roughness and metallic": lambda c: {"occlusion", "roughness", "metallic"} == {
+    "maps of occlusion, roughness and metallic": lambda c: {"occlusion", "roughness", "metallic"} == {
         name for m in materials_of(c) for name in m.maps} and effects_mask(materials_of(c)) & 1 << 6,
-    r"every channel that (texels|voxels) may have": has_every_channel,
-    r"a group of ([a-z_+ ]+)": lambda c, names: names in groups_of(c),
-    r"groups of ([a-z_+ ]+) and of ([a-z_+ ]+)": lambda c, one, other: {one, other} < {*groups_of(c)},
-    r"groups of maps before base colour": lambda c: groups_of(c)[-1] == "base_colour" != groups_of(c)[0],
-    r"grey ([a-z_]+)": is_grey,
-    r"three fields": lambda c: len(c.stream.fields) == 3,
-    r"the (second|third) without maps": lambda c, which: lacks_maps(c, {"second": 1, "third": 2}[which]),
-    r"normals over texels and over voxels": lambda c: {*NORMALS.values()} <= {channel.name for channel in c.texf.channels}
+    "every channel that {} may have": has_every_channel,
+    "a group of {}": lambda c, names: names in groups_of(c),
+    "groups of {} and of {}": lambda c, one, other: {one, other} < {*groups_of(c)},
+    "groups of maps before base colour": lambda c: groups_of(c)[-1] == "base_colour" != groups_of(c)[0],
+    "grey {}": is_grey,
+    "three fields": lambda c: len(c.stream.fields) == 3,
+    "the {} without maps": lambda c, which: lacks_maps(c, {"second": 1, "third": 2}[which]),
+    "normals over texels and over voxels": lambda c: {*NORMALS.values()} <= {channel.name for channel in c.texf.channels}
         and {f["support"] == SUPPORT_TEXELS for f in c.stream.fields} == {True, False},
-    r"a group whose channels are those of two materials": lambda c: any(
+    "a group whose channels are those of two materials": lambda c: any(
         len(g.channels) > 1 and not any({ch.name for ch in g.channels} <= m.maps.keys() for m in materials_of(c))
         for g in c.texf.groups),
-    r"a material of no face names a channel that no group holds": lambda c: bool(idle_names(c)),
-    r"level_shift (\d+)": lambda c, n: is_shifted(c, int(n)),
-    r"maps that are constant": lambda c: bool(c.constant) and not any(
+    "a material of no face names a channel that no group holds": lambda c: bool(idle_names(c)),
+    "level_shift {}": is_shifted,
+    "maps that are constant": lambda c: bool(c.constant) and not any(
         c.semantics[u["group_index"]] < 2 for u in c.constant),
-    r"every parameter": lambda c: any(m.parameters.keys() == {p.name for p in PARAMETERS} for m in materials_of(c)),
-    r"parameters one more and one less than their defaults": has_neighbours_of_defaults,
-    r"a material with ([a-z_]+) alone": lambda c, name: [{*m.parameters} for m in materials_of(c)] == [{name}],
-    r"the largest and the least number of binary32": lambda c: {LARGEST, -LARGEST, 2.0**-149} <= {*numbers_of(c)},
-    r"every effect": lambda c: effects_mask(materials_of(c)) + 1 == 1 << len(EFFECTS),
-    r"no effect": lambda c: effects_mask(materials_of(c)) == 0,
-    r"an unlit material with maps": lambda c: any(m.unlit and m.maps for m in c.texf.materials),
-    r"nine outputs": lambda c: c.neural["NumOutputs"] == 9,
+    "every parameter": lambda c: any(m.parameters.keys() == {p.name for p in PARAMETERS} for m in materials_of(c)),
+    "parameters one more and one less than their defaults": has_neighbours_of_defaults,
+    "a material with {} alone": lambda c, name: [{*m.parameters} for m in materials_of(c)] == [{name}],
+    "the largest and the least number of binary32": lambda c: {LARGEST, -LARGEST, 2.0**-149} <= {*numbers_of(c)},
+    "every effect": lambda c: effects_mask(materials_of(c)) + 1 == 1 << len(EFFECTS),
+    "no effect": lambda c: effects_mask(materials_of(c)) == 0,
+    "an unlit material with maps": lambda c: any(m.unlit and m.maps for m in c.texf.materials),
+    "nine outputs": lambda c: c.neural["NumOutputs"] == 9,
 }
 # Clause -> what a vector that lists it has to hold.
 MATERIAL_CLAUSES = {

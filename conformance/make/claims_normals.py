@@ -1,4 +1,4 @@
-"""What titles and clauses of good conformance vectors promise of shading normals (8.4); vectors_claims.py reads them."""
+"""What good conformance vectors claim of shading normals (8.4); claims.py has them all."""
 
 import numpy as np
 
@@ -47,23 +47,23 @@ def most_faces(case):
     return int(np.unique(sides, axis=0, return_counts=True)[1].max())
 
 
-# Phrase (all of it, case ignored) -> predicate of the Case of vectors_claims.py and the phrase's groups.
+# Claim -> predicate of the Case of claims.py and the arguments.
 NORMALS = {
-    r"all weights of rules": lambda c: {rule // 3 for rule, _ in rules_of(c)} == {0}
+    "all weights of rules": lambda c: {rule // 3 for rule, _ in rules_of(c)} == {0}
         and {rule % 3 for rule, _ in rules_of(c)} == {0, 1, 2} and {0, 180} <= {angle for _, angle in rules_of(c)},
-    r"an unlit material without a rule": lambda c: len(rules_of(c)) < len(c.stream.materials),
-    r"marks of sharp edges": has_marks,
-    r"faces with two corners at one position": lambda c: any(len({*corners}) == 2 for corners in corners_of(c).tolist()),
-    r"many classes of folds": lambda c: len(folds_of(c)) >= 10 and (BACK in folds_of(c) or MANY in folds_of(c)),
-    r"an edge of nine faces": lambda c: most_faces(c) == 9,
-    r"marks at one of the materials": lambda c: has_marks(c) and sum(rule >= 3 for rule, _ in rules_of(c)) == 1,
-    r"coded normals": has_coded,
-    r"coded normals at one of the materials": lambda c: has_coded(c) and sum(rule == 6 for rule, _ in rules_of(c)) == 1,
-    r"residuals of all sizes": lambda c: set(residual_sizes(c)) >= set(range(14)),
-    r"a codeword of noise": has_coded,
-    r"faces at one place": lambda c: len(np.unique(np.sort(corners_of(c), axis=1), axis=0)) < len(c.texf.faces),
-    r"edges of more than two faces": lambda c: most_faces(c) > 2,
-    r"every edge sharp": lambda c: c.texf.sharp_edges is not None and bool(c.texf.sharp_edges.all()),
+    "an unlit material without a rule": lambda c: len(rules_of(c)) < len(c.stream.materials),
+    "marks of sharp edges": has_marks,
+    "faces with two corners at one position": lambda c: any(len({*corners}) == 2 for corners in corners_of(c).tolist()),
+    "many classes of folds": lambda c: len(folds_of(c)) >= 10 and (BACK in folds_of(c) or MANY in folds_of(c)),
+    "an edge of nine faces": lambda c: most_faces(c) == 9,
+    "marks at one of the materials": lambda c: has_marks(c) and sum(rule >= 3 for rule, _ in rules_of(c)) == 1,
+    "coded normals": has_coded,
+    "coded normals at one of the materials": lambda c: has_coded(c) and sum(rule == 6 for rule, _ in rules_of(c)) == 1,
+    "residuals of all sizes": lambda c: set(residual_sizes(c)) >= set(range(14)),
+    "a codeword of noise": has_coded,
+    "faces at one place": lambda c: len(np.unique(np.sort(corners_of(c), axis=1), axis=0)) < len(c.texf.faces),
+    "edges of more than two faces": lambda c: most_faces(c) > 2,
+    "every edge sharp": lambda c: c.texf.sharp_edges is not None and bool(c.texf.sharp_edges.all()),
 }
 # Clause -> what a vector that lists it has to hold.
 NORMALS_CLAUSES = {

@@ -1,5 +1,5 @@
-"""What titles and clauses of good conformance vectors promise of planar supports (7.11) and of components that follow (7.4.4);
-vectors_claims.py reads them."""
+"""What good conformance vectors claim of planar supports (7.11) and of components that follow (7.4.4);
+claims.py has them all."""
 
 import numpy as np
 
@@ -38,20 +38,20 @@ def has_five_taps(case, count):
     return is_planar(case) and stages and not any(silent for of_unit in case.silent for silent in of_unit)
 
 
-# Phrase (all of it, case ignored) -> predicate of the Case of vectors_claims.py and the phrase's groups.
+# Claim -> predicate of the Case of claims.py and the arguments.
 PLANAR = {
-    r"a planar support": is_planar,
-    r"no rotated splits": lambda c: is_planar(c) and c.each(lambda u: u["planar_transform"] == 0),
-    r"rotated splits": lambda c: c.each(lambda u: u["planar_transform"] == 1) and heard(c, planar_transform=0),
-    r"no components that follow": lambda c: is_planar(c) and c.each(lambda u: not u["component_cross"]),
-    r"components that follow": lambda c: heard(c, component_cross=0),
-    r"DCT blocks": lambda c: heard(c, dct_blocks=0),
-    r"DCT blocks beside others": lambda c: heard(c, dct_blocks=0) and squares(c) == {False, True},
-    r"DCT blocks of one component and of three": lambda c: heard(c, dct_blocks=0) and components(c) == {1, 3},
-    r"DCT blocks above the slices": lambda c: heard(c, dct_blocks=0) and c.each(lambda u: u["slice_level"] > u["Depth"] - 3),
-    r"component_cross (\d+)": lambda c, n: c.each(lambda u: u["component_cross"] == int(n)) and heard(c, component_cross=0),
-    r"two filter stages of five taps": lambda c: has_five_taps(c, 2),
-    r"factors at their bounds": lambda c: {("following", -BOUND), ("following", BOUND)} <= c.trace.clipped,
+    "a planar support": is_planar,
+    "no rotated splits": lambda c: is_planar(c) and c.each(lambda u: u["planar_transform"] == 0),
+    "rotated splits": lambda c: c.each(lambda u: u["planar_transform"] == 1) and heard(c, planar_transform=0),
+    "no components that follow": lambda c: is_planar(c) and c.each(lambda u: not u["component_cross"]),
+    "components that follow": lambda c: heard(c, component_cross=0),
+    "DCT blocks": lambda c: heard(c, dct_blocks=0),
+    "DCT blocks beside others": lambda c: heard(c, dct_blocks=0) and squares(c) == {False, True},
+    "DCT blocks of one component and of three": lambda c: heard(c, dct_blocks=0) and components(c) == {1, 3},
+    "DCT blocks above the slices": lambda c: heard(c, dct_blocks=0) and c.each(lambda u: u["slice_level"] > u["Depth"] - 3),
+    "component_cross {}": lambda c, n: c.each(lambda u: u["component_cross"] == n) and heard(c, component_cross=0),
+    "two filter stages of five taps": lambda c: has_five_taps(c, 2),
+    "factors at their bounds": lambda c: {("following", -BOUND), ("following", BOUND)} <= c.trace.clipped,
 }
 # Clause -> what a vector that lists it has to hold.
 PLANAR_CLAUSES = {

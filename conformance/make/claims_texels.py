@@ -1,4 +1,4 @@
-"""What titles of good conformance vectors promise of fields over texels; vectors_claims.py reads them."""
+"""What good conformance vectors claim of fields over texels; claims.py has them all."""
 
 import DracoPy
 import numpy as np
@@ -20,6 +20,11 @@ def flat_kind(corner):
     return "point" if not np.any(corner != corner[0]) else "line" if ux * vy == uy * vx else None
 
 
+def wraps(case):
+    """(mode of s, mode of t) of every field over texels."""
+    return [(WRAP_NAMES[f["wrap_s"]], WRAP_NAMES[f["wrap_t"]]) for f in case.images]
+
+
 def distances(unit):
     """How far the quantised UVs of a unit are from whole numbers, as 5.6.2 reckons."""
     (uv,) = [a["data"] for a in DracoPy.decode(bytes(unit["draco_data"])).attributes if a["attribute_type"] == TEX_COORD]
@@ -27,29 +32,28 @@ def distances(unit):
     return np.abs(steps - np.rint(steps)).ravel().tolist()
 
 
-# Phrase (all of it, case ignored) -> predicate of the Case of vectors_claims.py and the phrase's groups.
+# Claim -> predicate of the Case of claims.py and the arguments.
 TEXELS = {
-    r"a field over texels": lambda c: len(c.images) == 1 and not c.grids,
-    r"two fields over texels": lambda c: len(c.images) == 2,
-    r"one over voxels": lambda c: len(c.grids) == 1,
-    r"an image of (\d+) x (\d+)": lambda c, w, h: [(f["width"], f["height"]) for f in c.images] == [(int(w), int(h))],
-    r"(repeat|clamp|mirror)(?: x (repeat|clamp|mirror))?": lambda c, s, t:
-        [(WRAP_NAMES[f["wrap_s"]], WRAP_NAMES[f["wrap_t"]]) for f in c.images] == [(s, t or s)],
-    r"and all its levels of detail": lambda c: {*range(c.texf.fields[0].support.depth + 1)} <= {*c.lods},
-    r"every texel asked": lambda c: bool(c.images) and all(f["num_keys"] == f["width"] * f["height"] for f in c.images),
-    r"texels that no face asks": lambda c: any(f["num_keys"] < f["width"] * f["height"] for f in c.images),
-    r"seams": lambda c: any(len(u.lattice) > len(np.unique(u.lattice, axis=0)) for u in c.textured),
-    r"UVs beside the image": lambda c: any((texel < 0).any() or (texel > size).any() for texel, size in uv_in_texels(c)),
-    r"UVs in whole texels": lambda c: [f["uv_fraction_bits"] for f in c.images] == [0],
-    r"UVs in 1/(\d+) of a texel": lambda c, n: [1 << f["uv_fraction_bits"] for f in c.images] == [int(n)],
-    r"one by nearly a quarter off": lambda c: any(0.2 < away < 0.25 for u in c.uv_units for away in distances(u)),
-    r"plain UVs": lambda c: {u["uv_bits"] for u in c.uv_units} == {0},
-    r"UVs quantised to (\d+) bits": lambda c, n: {u["uv_bits"] for u in c.uv_units} == {int(n)},
-    r"many of which stand for one number": lambda c: all(1 << u["uv_bits"] > 100 * u["uv_range"] for u in c.uv_units),
-    r"uv_origin (-?\d+)": lambda c, n: any(int(n) in u["uv_origin"] for u in c.uv_units),
-    r"all UVs on (centres|borders) of texels": lambda c, what: all((texel % 1 == (0.5 if what == "centres" else 0)).all()
+    "a field over texels": lambda c: len(c.images) == 1 and not c.grids,
+    "two fields over texels": lambda c: len(c.images) == 2,
+    "one over voxels": lambda c: len(c.grids) == 1,
+    "an image of {} x {}": lambda c, w, h: [(f["width"], f["height"]) for f in c.images] == [(w, h)],
+    "wrap {}": lambda c, mode: wraps(c) == [(mode, mode)],
+    "wrap {} x {}": lambda c, s, t: wraps(c) == [(s, t)],
+    "every texel asked": lambda c: bool(c.images) and all(f["num_keys"] == f["width"] * f["height"] for f in c.images),
+    "texels that no face asks": lambda c: any(f["num_keys"] < f["width"] * f["height"] for f in c.images),
+    "seams": lambda c: any(len(u.lattice) > len(np.unique(u.lattice, axis=0)) for u in c.textured),
+    "UVs beside the image": lambda c: any((texel < 0).any() or (texel > size).any() for texel, size in uv_in_texels(c)),
+    "UVs in whole texels": lambda c: [f["uv_fraction_bits"] for f in c.images] == [0],
+    "UVs in 1/{} of a texel": lambda c, n: [1 << f["uv_fraction_bits"] for f in c.images] == [n],
+    "one by nearly a quarter off": lambda c: any(0.2 < away < 0.25 for u in c.uv_units for away in distances(u)),
+    "plain UVs": lambda c: {u["uv_bits"] for u in c.uv_units} == {0},
+    "UVs quantised to {} bits": lambda c, n: {u["uv_bits"] for u in c.uv_units} == {n},
+    "many of which stand for one number": lambda c: all(1 << u["uv_bits"] > 100 * u["uv_range"] for u in c.uv_units),
+    "uv_origin {}": lambda c, n: any(n in u["uv_origin"] for u in c.uv_units),
+    "all UVs on {} of texels": lambda c, what: all((texel % 1 == (0.5 if what == "centres" else 0)).all()
                                                                    for texel, _ in uv_in_texels(c)),
-    r"a face whose UVs are a (line|point)": lambda c, what: any(flat_kind(corner) == what for corner in c.corners),
-    r"three materials in one field over texels": lambda c: len(c.images) == 1 and not c.grids
+    "a face whose UVs are a {}": lambda c, what: any(flat_kind(corner) == what for corner in c.corners),
+    "three materials in one field over texels": lambda c: len(c.images) == 1 and not c.grids
         and len({u["material_index"] for u in c.uv_units}) == 3,
 }

@@ -4,9 +4,8 @@ import zlib
 
 import numpy as np
 
-from conformance.make.faulty import A, as_faulty, spliced, with_element, with_units, with_values
+from conformance.make.faulty import A, spliced, with_element, with_units, with_values
 from conformance.make.good import (
-    Vector,
     encoded,
     mixed_resolutions,
     one_voxel,
@@ -51,29 +50,29 @@ def levelled(data, planes):
 
 def subset():
     """What the encoder writes of planes of one value."""
-    lines = [
-        ("constant", "colour constant", ("5.7.6", "8.3"), encoded(painted((0.5, 0.2, 0.05)), resolution=20, qp=30), (0, 1, 3, 9)),
-        ("constant_alpha", "colour and alpha, alpha constant beside RAHT colour", ("5.7", "5.7.6"),
+    return [
+        ("constant", [("{} constant", "colour")], ("5.7.6", "8.3"), encoded(painted((0.5, 0.2, 0.05)), resolution=20, qp=30),
+         (0, 1, 3, 9)),
+        ("constant_alpha", ["colour and alpha", ("{} constant beside RAHT {}", "alpha", "colour")], ("5.7", "5.7.6"),
          encoded(painted(alpha=0.4, material=VEIL), resolution=20, qp=30), (0, 1)),
     ]
-    return [Vector(f"subset/{name}", *rest) for name, *rest in lines]
 
 
 def uncommon():
     """What a decoder meets seldom, and what only another encoder would write."""
     sheets = split_by_material(encoded(two_sheets(), resolution=21, qp=30))
-    lines = [
-        ("constant_two_groups", "colour and alpha, both constant, values of 0 and 255", ("5.7", "5.7.6"),
+    return [
+        ("constant_two_groups", ["colour and alpha", ("{} constant", "both"), "values of 0 and 255"], ("5.7", "5.7.6"),
          levelled(encoded(painted(material=VEIL), resolution=14, qp=30), {(0, 0): (0, 255, 0), (0, 1): (255,)}), (0, 2)),
-        ("constant_colour", "colour and alpha, colour constant beside RAHT alpha", ("5.7", "5.7.6", "7.8.1"),
+        ("constant_colour", ["colour and alpha", ("{} constant beside RAHT {}", "colour", "alpha")], ("5.7", "5.7.6", "7.8.1"),
          levelled(encoded(painted(material=VEIL), resolution=14, qp=30), {(0, 0): (1, 128, 254)}), (0, 1)),
-        ("constant_second_field", "two fields, the second constant", ("5.7", "5.7.6", "8.3"),
+        ("constant_second_field", ["two fields", "the second constant"], ("5.7", "5.7.6", "8.3"),
          levelled(sheets, {(1, 0): (200, 30, 61)}), (0, 2)),
-        ("constant_resolutions", "fields of different K, all constant", ("5.7.6", "8.3"),
+        ("constant_resolutions", ["fields of different K", "all constant"], ("5.7.6", "8.3"),
          levelled(mixed_resolutions(), {(0, 0): (9, 8, 7), (1, 0): (9, 8, 7)}), (0, 1, 4, 5)),
-        ("constant_one_voxel", "K = 1, colour constant", ("5.7.6", "8.3"), levelled(one_voxel(), {(0, 0): (3, 2, 1)}), (0, 1)),
+        ("constant_one_voxel", [("K = {}", 1), ("{} constant", "colour")], ("5.7.6", "8.3"),
+         levelled(one_voxel(), {(0, 0): (3, 2, 1)}), (0, 1)),
     ]
-    return [Vector(f"uncommon/{name}", *rest) for name, *rest in lines]
 
 
 def faulty():
@@ -121,4 +120,4 @@ def faulty():
          with_element(one, A, "codec_id", b"\xc0\x12a name of 18 bytes"), "TXF-U07"),
         ("codec_id_191", "the last codec_id that has no name", "5.7", with_element(one, A, "codec_id", b"\xbf"), "TXF-U02"),
     ]
-    return as_faulty([*lines, *unknown])
+    return [*lines, *unknown]

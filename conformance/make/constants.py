@@ -3,7 +3,7 @@
 import struct
 import zlib
 
-from naive import edges, mixing, scales
+from conformance.reference import edges, mixing, scales
 
 SQUASHED = range(-2816, 2817)
 CONSTANTS = (

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 import numpy as np
 
 from conformance.make.good import (
-    Vector,
     empty,
     encoded,
     one_voxel,
@@ -260,7 +259,7 @@ def framing():
         ("empty_two_materials", "an empty mesh of no materials with two materials units", "5.2",
          with_units(nothing, lambda units: units.insert(1, units[1])), "TXF-S07"),
     ]
-    return as_faulty([*lines, ("unknown_critical_unit", "a unit of type 6", "5.2", unknown, "TXF-U01")])
+    return [*lines, ("unknown_critical_unit", "a unit of type 6", "5.2", unknown, "TXF-U01")]
 
 
 def header_and_materials():
@@ -322,7 +321,7 @@ def header_and_materials():
     ]
     limit = [("unit_vertices_huge", "2^50 vertices", "10", with_element(simple, G, "unit_vertices", write_v(1 << 50)), "TXF-L02"),
              ("num_keys_huge", "2^28 voxels", "10", with_element(simple, F, "num_keys", write_v(1 << 28)), "TXF-L04")]
-    return as_faulty([*lines, *unsupported, *limit])
+    return [*lines, *unsupported, *limit]
 
 
 def fields_and_geometry():
@@ -351,7 +350,7 @@ def fields_and_geometry():
         ("unit_vertices_2", "two vertices", "5.6", with_element(simple, G, "unit_vertices", b"\2"), "TXF-S04"),
         ("unit_faces_0", "no face", "5.6", with_element(simple, G, "unit_faces", b"\0"), "TXF-S04"),
     ]
-    return [*as_faulty(lines), *as_faulty(draco_cases(simple))]
+    return lines + draco_cases(simple)
 
 
 def draco_cases(simple):
@@ -455,14 +454,13 @@ def attributes():
          one(lambda unit: unit["codewords"][0].update(codeword_length=1 << 55)), "TXF-S10"),
     ]
     unknown = with_element(base, A, "codec_id", b"\x07", 1)
-    lines += [
+    return lines + [
         ("codec_id", "an unknown attribute codec", "5.7", unknown, "TXF-U02"),
         ("level_shift_before_codec", "level_shift 14 of an unknown attribute codec", "9.2", spliced(unknown, A, 3, b"\x0e", 1),
          "TXF-S04"),
         ("names_before_codec", "a field that is not there, of an unknown attribute codec", "9.2",
          spliced(unknown, A, 0, b"\2", 1), "TXF-S09"),
     ]
-    return as_faulty(lines)
 
 
 def _no_groups(units):
@@ -490,15 +488,6 @@ def _flip_codeword(unit):
     data = bytearray(unit["codeword_data"])
     data[len(data) // 3] ^= 0x40
     unit["codeword_data"] = bytes(data)
-
-
-EXPECTED = {"S": "invalid", "U": "unsupported", "L": "limit"}  # by the letter of the code
-
-
-def as_faulty(lines):
-    """Vectors of (name, title, clause, stream, code) lines."""
-    return [Vector(f"faulty/{name}", title, (clause,), data, (), EXPECTED[code[4]], code)
-            for name, title, clause, data, code in lines]
 
 
 def faulty():

@@ -8,9 +8,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-from conformance.make.faulty import as_faulty, with_element, with_units, with_values
+from conformance.make.faulty import with_element, with_units, with_values
 from conformance.make.good import (
-    Vector,
     encoded,
     exact_areas,
     noise_sheet,
@@ -92,47 +91,47 @@ def second_field_filtered():
 
 
 def uncommon():
-    """What the encoder's fit seldom or never makes of the small scenes of vectors_good."""
+    """What the encoder's fit seldom or never makes of the small scenes of scenes.py."""
     sheet, both = encoded(rising_noise(), resolution=32, qp=22), encoded(rising_noise(alpha=True), resolution=32, qp=22)
     three = [drawn(mask, 3, 20 + n) for n, mask in enumerate((0o77777, 0o25252, 0o71346))]
     hollow = [drawn(every(3), 3, 30), stage_of(0, [], 3), drawn(every(3), 3, 31)]
     alpha = [drawn(every(1), 1, 40 + n) for n in range(3)]
     slices = {"slices": SLICES, "models": 6}
-    lines = [
-        ("all_tools", "eight models, colour range, components that follow, two filter stages",
+    return [
+        ("all_tools", [("{} models", 8), "colour range", "components that follow", ("{} filter stages", 2)],
          ("5.7.3", "7.3", "7.4.4", "7.5.5", "7.6.4", "7.7"),
          filtered(encoded(noise_sheet(), resolution=40, qp=34), {3: three[:2]}, models=8, colour_range=3, component_cross=10),
          (0, 1)),
-        ("filter_fitted_slices", "a filter that the encoder has fitted, with slices", ("5.7.3", "7.2", "7.7"),
+        ("filter_fitted_slices", ["a filter", "slices"], ("5.7.3", "7.2", "7.7"),
          recoded(encoded(noise_sheet(), resolution=40, qp=34), slices=SLICES, models=8, colour_range=3, filters=3), (0, 1)),
-        ("filter_classes", "a filter stage of every class and component", ("5.7.3", "7.7"),
+        ("filter_classes", ["a filter stage of every class and component"], ("5.7.3", "7.7"),
          filtered(sheet, {3: [drawn(every(3), 3, 10)]}, models=6), (0, 1)),
-        ("filter_slices", "a filter stage of every class and component, with slices and the level index", ("5.7.3", "7.2", "7.7"),
+        ("filter_slices", ["a filter stage of every class and component", "slices with the level index"], ("5.7.3", "7.2", "7.7"),
          filtered(sheet, {3: [drawn(every(3), 3, 11)]}, index=True, **slices), (0, 1)),
-        ("filter_three_stages", "three filter stages", ("5.7.3", "7.7"), filtered(sheet, {3: three}, models=6), (0, 1)),
-        ("filter_three_stages_slices", "three filter stages, with slices of colour and alpha", ("5.7.3", "7.2", "7.7"),
+        ("filter_three_stages", [("{} filter stages", 3)], ("5.7.3", "7.7"), filtered(sheet, {3: three}, models=6), (0, 1)),
+        ("filter_three_stages_slices", [("{} filter stages", 3), "slices of colour and alpha"], ("5.7.3", "7.2", "7.7"),
          filtered(both, {3: three, 1: alpha}, colour_range=5, **slices), (0, 2)),
-        ("filter_alpha", "a filter of alpha alone", ("5.7.3", "7.7"), filtered(both, {3: [], 1: alpha[:1]}, **slices), (0, 1)),
-        ("filter_colour", "a filter of colour alone, beside alpha", ("5.7.3", "7.7"),
+        ("filter_alpha", ["a filter of alpha alone"], ("5.7.3", "7.7"), filtered(both, {3: [], 1: alpha[:1]}, **slices), (0, 1)),
+        ("filter_colour", ["a filter of colour alone", "beside alpha"], ("5.7.3", "7.7"),
          filtered(both, {3: three[:1], 1: []}), (0,)),
-        ("filter_first_component", "a filter of component 0 alone", ("5.7.3", "7.7"),
+        ("filter_first_component", [("a filter of component {} alone", 0)], ("5.7.3", "7.7"),
          filtered(sheet, {3: [drawn(FIVE_CLASSES, 3, 12)]}), (0,)),
-        ("filter_last_component", "a filter of component 2 alone, no transform", ("5.7.3", "7.7", "7.8.1"),
+        ("filter_last_component", [("a filter of component {} alone", 2), "no transform"], ("5.7.3", "7.7", "7.8.1"),
          filtered(sheet, {3: [drawn(FIVE_CLASSES << 2, 3, 13)]}, plain=True), (0,)),
-        ("filter_empty_stage", "three filter stages, the second without a bit in its mask", ("5.7.3", "7.7"),
+        ("filter_empty_stage", [("{} filter stages", 3), "the second without a bit in its mask"], ("5.7.3", "7.7"),
          filtered(sheet, {3: hollow}), (0,)),
-        ("filter_lossless_slices", "lossless after three filter stages, with slices of colour and alpha", ("5.7.3", "7.7", "7.9"),
+        ("filter_lossless_slices", ["lossless after three filter stages", "slices of colour and alpha"], ("5.7.3", "7.7", "7.9"),
          filtered(both, {3: three, 1: alpha}, max_error=0, **slices), (0, 1)),
-        ("filter_near_lossless", "errors of at most 3 after a filter stage", ("7.7", "7.9"),
+        ("filter_near_lossless", [("errors of at most {} after a filter stage", 3)], ("7.7", "7.9"),
          filtered(sheet, {3: three[:1]}, max_error=3), (0, 1)),
-        ("filter_largest", "three filter stages, coefficients of -128 and 127, means at their bounds", ("5.7.3", "7.7"),
+        ("filter_largest", [("{} filter stages", 3), "coefficients of -128 and 127", "means at their bounds"], ("5.7.3", "7.7"),
          largest_filtered(), (0, 1)),
-        ("filter_two_fields", "two fields, a filter of the second alone", ("5.7.3", "7.7"), second_field_filtered(), (0, 1)),
-        ("filter_lonely_voxels", "a filter, and voxels without a neighbour", ("7.7",),
+        ("filter_two_fields", ["two fields", "a filter of the second alone"], ("5.7.3", "7.7"), second_field_filtered(), (0, 1)),
+        ("filter_lonely_voxels", ["a filter", "voxels without a neighbour"], ("7.7",),
          filtered(exact_areas(), {3: [drawn(every(3), 3, 14)]}), (0,)),
-        ("filter_one_voxel", "K = 1: three filter stages that have nothing to do", ("5.7.3",), one_voxel_filtered(), (0, 1)),
+        ("filter_one_voxel", [("K = {}", 1), "three filter stages that have nothing to do"], ("5.7.3",), one_voxel_filtered(),
+         (0, 1)),
     ]
-    return [Vector(f"uncommon/{name}", *rest) for name, *rest in lines]
 
 
 # Faulty ones. Their values_crc is what a decoder without the check would get, so that only the check can refuse them.
@@ -163,7 +162,7 @@ def faulty():
     swap = lambda stream: stream.attributes[0]["filters"].reverse()
     none = lambda stream: stream.attributes[0].update(num_filters=0, filters=[])
     tap = lambda stream: stream.attributes[0]["filters"][0]["filter_coefficients"].__setitem__(0, 99)
-    lines = [
+    return [
         ("filter_four_stages", "four filter stages, all of them there", "5.7.1",
          out_of_range(three, "num_filters", b"\4" + stage_bytes(first), filters=[first] * 4), "TXF-S04"),
         ("filter_mask_bit_15", "a filter_mask bit beyond the classes, with its coefficients", "5.7.3",
@@ -175,4 +174,3 @@ def faulty():
         ("residual_cross_17", "residual_cross 17", "5.7.1",
          out_of_range(bounded, "residual_cross", bytes(cross), residual_cross=cross), "TXF-S04"),
     ]
-    return as_faulty(lines)

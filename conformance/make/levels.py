@@ -5,9 +5,9 @@ import zlib
 import numpy as np
 
 from conformance.make.good import parsed, plane_keys
-from naive.attributes import decode_means
-from naive.bits import units_of
-from naive.syntax import read_stream
+from conformance.reference.attributes import decode_means
+from conformance.reference.bits import units_of
+from conformance.reference.syntax import read_stream
 from texfcodec import decode
 from texfcodec.codecs.raht import attribute_coder
 from texfcodec.codecs.raht.raht_values import coded_of

@@ -1,10 +1,10 @@
 """The good conformance vectors of whole materials (clauses 5.3.1, 5.4.1, 5.4.2 and 5.7), from integers like those of
-vectors_texels.py."""
+texels.py."""
 
 import numpy as np
 
 from conformance.make.filter import every, filtered
-from conformance.make.good import Vector, encoded
+from conformance.make.good import encoded
 from conformance.make.neural import neural
 from conformance.make.texels import CLAMPED, MIRRORED, Grid, Image, Patch, picture, ring, stream_of_parts, wall
 from texfcodec.codecs.base import Group
@@ -102,13 +102,12 @@ def subset():
     scene.textures.append(Texture(rough))
     scene.materials[0].maps = dict.fromkeys(("occlusion", "roughness", "metallic"), 1)
     scene.materials[0].parameters = {"roughness": (0.5,)}
-    lines = [
-        ("maps_texels", "a field over texels: maps of occlusion, roughness and metallic", ("5.3.1", "5.4.1", "5.4.2"),
+    return [
+        ("maps_texels", ["a field over texels", "maps of occlusion, roughness and metallic"], ("5.3.1", "5.4.1", "5.4.2"),
          encoded(scene, support="texels", qp=30), (0, 1)),
-        ("maps_voxels", "K = 20: maps of occlusion, roughness and metallic", ("5.3.1", "5.4.1", "5.4.2"),
+        ("maps_voxels", [("K = {}", 20), "maps of occlusion, roughness and metallic"], ("5.3.1", "5.4.1", "5.4.2"),
          encoded(scene, resolution=20, qp=30), (0, 1)),
     ]
-    return [Vector(f"subset/{name}", *rest) for name, *rest in lines]
 
 
 def channel_groups():
@@ -122,25 +121,26 @@ def channel_groups():
     two = [Image(picture(*SIZE, 4), CLAMPED), Image(picture(*SIZE, 4, seed=3), CLAMPED)]
     shared = (BASE, Group((ALPHA, BY_NAME["roughness"])))
     return [
-        ("maps_every_texels", "every channel that texels may have", ("5.3.1", "5.4.1", "5.7"),
+        ("maps_every_texels", [("every channel that {} may have", "texels")], ("5.3.1", "5.4.1", "5.7"),
          over_texels(*every_channel(True), (9, 7)), (0, 1)),
-        ("maps_every_voxels", "every channel that voxels may have", ("5.3.1", "5.4.1", "5.7"),
+        ("maps_every_voxels", [("every channel that {} may have", "voxels")], ("5.3.1", "5.4.1", "5.7"),
          over_voxels(*every_channel(False), 7), (0, 1)),
-        ("maps_joint", "a group of occlusion + roughness + metallic", ("5.3.1", "5.7"),
+        ("maps_joint", [("a group of {}", "occlusion + roughness + metallic")], ("5.3.1", "5.7"),
          over_texels([orm], groups("occlusion+roughness+metallic"), models=6), (0, 1, 3)),
-        ("maps_joint_order", "groups of metallic + occlusion and of roughness, groups of maps before base colour",
-         ("5.3.1", "5.7"), over_voxels([orm], [*groups("metallic+occlusion", "roughness")[1:], BASE]), (0, 1)),
-        ("maps_joint_partly", "a group whose channels are those of two materials", ("5.3.1", "5.4.1"),
+        ("maps_joint_order",
+         [("groups of {} and of {}", "metallic + occlusion", "roughness"), "groups of maps before base colour"], ("5.3.1", "5.7"),
+         over_voxels([orm], [*groups("metallic+occlusion", "roughness")[1:], BASE]), (0, 1)),
+        ("maps_joint_partly", ["a group whose channels are those of two materials"], ("5.3.1", "5.4.1"),
          stream_of_parts([Grid(9, constant=False)], [bare(), bare(material=1)], [painted("roughness"), painted("metallic")],
                          groups=groups("roughness+metallic")), (0,)),
-        ("maps_with_alpha", "a group of alpha + roughness, two fields, the second without maps", ("5.3.1", "5.7"),
-         stream_of_parts(two, half, veil, groups=shared), (0, 1)),
-        ("maps_grey", "grey base_colour, grey emissive, grey specular_colour", ("5.3.1", "7.8.1"),
+        ("maps_with_alpha", [("a group of {}", "alpha + roughness"), "two fields", ("the {} without maps", "second")],
+         ("5.3.1", "5.7"), stream_of_parts(two, half, veil, groups=shared), (0, 1)),
+        ("maps_grey", [("grey {}", "base_colour"), ("grey {}", "emissive"), ("grey {}", "specular_colour")], ("5.3.1", "7.8.1"),
          over_texels([painted(*greys)], [Group((BASE_COLOUR,), True), *groups(*greys, grey=greys)[1:]], models=6, max_error=0),
          (0, 1)),
-        ("maps_some", "three fields, the third without maps, normals over texels and over voxels", ("5.4.1", "5.7"),
+        ("maps_some", ["three fields", ("the {} without maps", "third"), "normals over texels and over voxels"], ("5.4.1", "5.7"),
          some_materials(), (0, 1, 2)),
-        ("maps_unused", "a material of no face names a channel that no group holds", ("5.4.1",),
+        ("maps_unused", ["a material of no face names a channel that no group holds"], ("5.4.1",),
          over_voxels([Material("seen"), painted("sheen_colour", "normal")], groups(), 9), (0,)),
     ]
 
@@ -151,23 +151,25 @@ def levels_and_values():
     named = [painted("occlusion", "roughness", "emissive", "metallic")]
     odd = {(0, 1): 1, (0, 2): 3, (0, 3): 5}
     return [
-        ("maps_shift_texels", "an image of 21 x 13, level_shift 1, level_shift 3, level_shift 5, and all its levels of detail",
-         ("5.7", "8.3"), over_texels(named, rough, shifts=odd), (*range(6), 9)),
-        ("maps_shift_voxels", "K = 13 and all its levels of detail, level_shift 1, level_shift 3, level_shift 4", ("5.7", "8.3"),
-         over_voxels(named, rough, shifts={(0, 1): 1, (0, 2): 3, (0, 3): 4}), (*range(5), 9)),
-        ("maps_shift_tools", "K = 29, level_shift 2, lossless with slices, eight models, colour range", ("5.7", "7.9"),
+        ("maps_shift_texels", [("an image of {} x {}", 21, 13), ("level_shift {}", 1), ("level_shift {}", 3),
+          ("level_shift {}", 5), "all levels of detail"], ("5.7", "8.3"), over_texels(named, rough, shifts=odd), (*range(6), 9)),
+        ("maps_shift_voxels",
+         [("K = {}", 13), "all levels of detail", ("level_shift {}", 1), ("level_shift {}", 3), ("level_shift {}", 4)],
+         ("5.7", "8.3"), over_voxels(named, rough, shifts={(0, 1): 1, (0, 2): 3, (0, 3): 4}), (*range(5), 9)),
+        ("maps_shift_tools", [("K = {}", 29), ("level_shift {}", 2), "lossless", "slices", ("{} models", 8), "colour range"],
+         ("5.7", "7.9"),
          over_voxels(named, rough, 29, shifts={(0, 1): 2, (0, 2): 1, (0, 3): 2}, models=8, colour_range=4, slices=FEW,
                      max_error=0), (0, 1, 2, 3)),
-        ("maps_shift_planar", "an image of 45 x 31, level_shift 1, a planar support, rotated splits, a filter, eight models",
-         ("5.7", "5.7.3", "7.11", "7.11.2"),
+        ("maps_shift_planar", [("an image of {} x {}", 45, 31), ("level_shift {}", 1), "a planar support", "rotated splits",
+          "a filter", ("{} models", 8)], ("5.7", "5.7.3", "7.11", "7.11.2"),
          filtered_plane(over_texels(named, rough, (45, 31), shifts={(0, 1): 1, (0, 2): 2, (0, 3): 1})), (0, 1, 2)),
-        ("maps_constant", "maps that are constant, level_shift 2", ("5.7", "5.7.6", "8.3"),
+        ("maps_constant", ["maps that are constant", ("level_shift {}", 2)], ("5.7", "5.7.6", "8.3"),
          over_texels(named, rough, shifts={(0, 1): 2}, constants=((0, 1), (0, 3))), (0, 1, 2, 3)),
-        ("maps_parameters", "every parameter, the largest and the least number of binary32", ("4.3", "5.4.2"),
+        ("maps_parameters", ["every parameter", "the largest and the least number of binary32"], ("4.3", "5.4.2"),
          over_voxels(every_parameter(), groups(), 9), (0,)),
-        ("maps_effects", "every effect", ("5.4.1", "5.4.2"),
+        ("maps_effects", ["every effect"], ("5.4.1", "5.4.2"),
          over_texels(every_effect(), groups("normal", "occlusion", "clearcoat_normal", "specular"), (9, 7)), (0,)),
-        ("maps_unlit", "no effect, an unlit material with maps", ("5.4.1",),
+        ("maps_unlit", ["no effect", "an unlit material with maps"], ("5.4.1",),
          over_voxels([no_effect()], groups("roughness", "emissive"), 9), (0,)),
     ]
 
@@ -180,7 +182,7 @@ def with_networks():
     both = stream_of_parts([Grid(9), Grid(6)], [bare(small), bare(small, field=1, material=1)], [named, plain], groups=coded)
     quick = {"features": 4, "hidden": (6, 4), "waves": (1, 9)}
     return [
-        ("maps_neural", "3DNTC: two fields, the second without maps, grey emissive, nine outputs",
+        ("maps_neural", ["3DNTC", "two fields", ("the {} without maps", "second"), ("grey {}", "emissive"), "nine outputs"],
          ("5.3.1", "5.7", "11.1", "11.8"), neural(both, 61, [(5, 0, 0)], **quick), (0, 1)),
     ]
 
@@ -188,5 +190,4 @@ def with_networks():
 def uncommon():
     """What a decoder meets seldom, and what only another encoder would write."""
     assert len(EFFECTS) == 19 and len(PARAMETERS) == 27  # every_effect(), every_parameter() and their claims
-    lines = channel_groups() + levels_and_values() + with_networks()
-    return [Vector(f"uncommon/{name}", *rest) for name, *rest in lines]
+    return channel_groups() + levels_and_values() + with_networks()

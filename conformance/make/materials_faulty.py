@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from conformance.make.faulty import A, H, M, as_faulty, with_element, with_units, with_values
+from conformance.make.faulty import A, H, M, with_element, with_units, with_values
 from conformance.make.good import units_of
 from conformance.make.materials import bare, groups, over_texels, over_voxels, painted, with_networks
 from conformance.make.texels import Grid, ring, stream_of_parts
@@ -49,7 +49,7 @@ def channel_groups():
         ("components_of_anisotropy", "one component for three that are no colour", "5.3.1",
          with_element(linear, H, "channel_groups[1].group_components", b"\1"), "TXF-U03"),
     ]
-    return as_faulty([*lines, *unsupported])
+    return [*lines, *unsupported]
 
 
 def appearance():
@@ -67,7 +67,7 @@ def appearance():
          "TXF-S14"),
     ]
     components = [("normal_components", "two components for a normal of object space", "5.3.1", object_space, "TXF-U03")]
-    return as_faulty([*lines, *components])
+    return [*lines, *components]
 
 
 def materials():
@@ -93,7 +93,7 @@ def materials():
         ("parameter_cut", "the unit ends in parameter_value", "5.4.2", _cut(base), "TXF-S02"),
     ]
     assert (roughness, emissive) == (2, 4)
-    return as_faulty(lines)
+    return lines
 
 
 def _v(value):
@@ -131,7 +131,7 @@ def planes():
                           [painted("roughness"), Material("plain")], groups=groups("roughness"))
     shifted = over_voxels([painted("roughness")], groups("roughness"), 9, shifts={(0, 1): 1}, constants=((0, 1),))
     shift = lambda data, levels, number: with_element(data, A, "level_shift", bytes([levels]), number)
-    lines = [
+    return [
         ("map_unit_missing", "no unit of a map that a field needs", "5.7", units(base, lambda mine: mine.pop()), "TXF-S11"),
         ("map_unit_first", "the unit of a map before that of base colour", "5.7", units(base, lambda mine: mine.reverse()),
          "TXF-S11"),
@@ -149,7 +149,6 @@ def planes():
         ("level_shift_0", "level_shift is 0 for what was coded with 1", "7.10", shift(shifted, 0, 1), "TXF-S32"),
         ("neural_level_shift", "3DNTC: level_shift 1", "5.7", shift(with_networks()[0][3], 1, 0), "TXF-S04"),
     ]
-    return as_faulty(lines)
 
 
 def faulty():

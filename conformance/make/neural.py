@@ -1,4 +1,4 @@
-"""The conformance vectors of codec 3DNTC, good and faulty: payloads of random codes and parameters on the scenes of vectors_good.
+"""The conformance vectors of codec 3DNTC, good and faulty: payloads of random codes and parameters on the scenes of scenes.py.
 
 Nothing is fitted, since a fit depends on the machine; what a payload answers need not look like anything.
 """
@@ -7,9 +7,8 @@ import zlib
 
 import numpy as np
 
-from conformance.make.faulty import allowing, as_faulty, with_element, with_units, with_values
+from conformance.make.faulty import allowing, with_element, with_units, with_values
 from conformance.make.good import (
-    Vector,
     alpha_first,
     empty,
     encoded,
@@ -151,15 +150,14 @@ def veil(resolution):
 def subset():
     """What the encoder writes every day, only that codes and parameters are random."""
     usual = {"features": 16, "hidden": (16, 12, 8)}
-    lines = [
-        ("neural_resident", "3DNTC: a grid of latents, resident form", ("5.7.4", "5.7.5", "11.3", "11.6", "11.8"),
+    return [
+        ("neural_resident", ["3DNTC", "a grid of latents", ("{} form", "resident")], ("5.7.4", "5.7.5", "11.3", "11.6", "11.8"),
          neural(ring(24), 1, [(10, 0, 77)], waves=(3, 20), **usual), (0, 1, 5)),
-        ("neural_transport", "3DNTC: a grid of latents, transport form", ("5.7.4", "11.9"),
+        ("neural_transport", ["3DNTC", "a grid of latents", ("{} form", "transport")], ("5.7.4", "11.9"),
          neural(ring(20), 2, [(9, 0, 77)], waves=(3, 18), form=FORM_TRANSPORT, **usual), (0, 2)),
-        ("neural_hash", "3DNTC: two hash tables", ("5.7.5", "11.3", "11.4"),
+        ("neural_hash", ["3DNTC", "two hash tables"], ("5.7.5", "11.3", "11.4"),
          neural(ring(24), 3, [(12, 7, 0), (6, 6, 0)], waves=(3, 2), **usual), (0,)),
     ]
-    return [Vector(f"subset/{name}", *rest) for name, *rest in lines]
 
 
 def fields_and_levels():
@@ -167,22 +165,22 @@ def fields_and_levels():
     fine, coarse = parsed(sheets(21)), parsed(sheets(12))
     fine.fields[1], fine.attributes[1] = coarse.fields[1], coarse.attributes[1]
     return [
-        ("neural_two_fields", "3DNTC: two fields of different K on two grids, transport form", ("5.7", "5.7.5", "11.3", "11.8"),
-         neural(written(fine), 4, [(9, 0, 77), (4, 0, 0)], form=FORM_TRANSPORT), (0, 1, 4, 5)),
-        ("neural_two_fields_hash", "3DNTC: two fields share a hash table of another grid", ("5.7.5", "11.3"),
+        ("neural_two_fields", ["3DNTC", "two fields", "fields of different K", "two grids", ("{} form", "transport")],
+         ("5.7", "5.7.5", "11.3", "11.8"), neural(written(fine), 4, [(9, 0, 77), (4, 0, 0)], form=FORM_TRANSPORT), (0, 1, 4, 5)),
+        ("neural_two_fields_hash", ["3DNTC", "two fields share a hash table of another grid"], ("5.7.5", "11.3"),
          neural(sheets(17), 5, [(11, 6, 0), (5, 0, 40)], **QUICK), (0, 2)),
-        ("neural_levels", "3DNTC: four levels, hashed ones between grids", ("5.7.5", "11.3", "11.4"),
+        ("neural_levels", ["3DNTC", "four levels", "hashed ones between grids"], ("5.7.5", "11.3", "11.4"),
          neural(sheets(18), 6, [(3, 5, 0), (8, 0, 77), (40, 1, 0), (5, 0, 0)], **QUICK), (0,)),
-        ("neural_alpha", "3DNTC: colour and alpha", ("5.7", "11.1"), neural(veil(18), 7, [(8, 0, 77)], **QUICK), (0, 1)),
-        ("neural_alpha_first", "3DNTC: alpha before colour", ("5.3.1", "11.1"),
+        ("neural_alpha", ["3DNTC", "colour and alpha"], ("5.7", "11.1"), neural(veil(18), 7, [(8, 0, 77)], **QUICK), (0, 1)),
+        ("neural_alpha_first", ["3DNTC", "alpha before colour"], ("5.3.1", "11.1"),
          neural(alpha_first(), 8, [(7, 5, 0)], **QUICK), (0, 2)),
-        ("neural_k33", "3DNTC: K = 33 and all its levels of detail, a grid as fine", ("8.3", "11.2", "11.4"),
+        ("neural_k33", ["3DNTC", ("K = {}", 33), "all levels of detail", "a grid as fine"], ("8.3", "11.2", "11.4"),
          neural(ring(33), 9, [(33, 0, 77)], features=2, hidden=(6,), waves=(1, 33)), (*range(8), 13)),
-        ("neural_one_voxel", "3DNTC: K = 1, a grid of one cell", ("8.3", "11.2", "11.4"),
+        ("neural_one_voxel", ["3DNTC", ("K = {}", 1), "a grid of one cell"], ("8.3", "11.2", "11.4"),
          neural(one_voxel(), 10, [(1, 0, 0), (2, 0, 0)], **QUICK), (0, 1)),
-        ("neural_sparse", "3DNTC: a latent_threshold that leaves points without latents", ("5.7.5", "11.3", "11.4"),
+        ("neural_sparse", ["3DNTC", "a latent_threshold that leaves points without latents"], ("5.7.5", "11.3", "11.4"),
          neural(ring(24), 11, [(30, 0, 330), (20, 0, 330)], **QUICK), (0, 1)),
-        ("neural_needle", "3DNTC: B = 20, K = G = 8192, a grid of 1000", ("10", "11.2", "11.3", "11.4"),
+        ("neural_needle", ["3DNTC", ("B = {}", 20), ("K = G = {}", 8192), ("a grid of {}", 1000)], ("10", "11.2", "11.3", "11.4"),
          neural(needle(), 12, [(8192, 3, 0), (1000, 0, 0)], features=2, hidden=(4,), waves=(1, 1000)), (0, 5)),
     ]
 
@@ -191,30 +189,31 @@ def network_and_codes():
     """Clauses 5.7.4 and 11.5 to 11.9."""
     flat = {"codes": (-8,), "form": FORM_TRANSPORT}
     return [
-        ("neural_widths", "3DNTC: hidden layers of 5, 1 and 128 units", ("5.7.4", "11.6"),
+        ("neural_widths", ["3DNTC", "hidden layers of 5, 1 and 128 units"], ("5.7.4", "11.6"),
          neural(ring(14), 21, [(6, 0, 77)], features=6, hidden=(5, 1, 128)), (0,)),
-        ("neural_four_layers", "3DNTC: four hidden layers, no waves, two latents a row", ("5.7.4", "11.6"),
+        ("neural_four_layers", ["3DNTC", "four hidden layers", "no waves", "two latents a row"], ("5.7.4", "11.6"),
          neural(ring(16), 22, [(9, 0, 77)], features=2, hidden=(9, 7, 3, 2), waves=(0, 1)), (0,)),
-        ("neural_no_waves", "3DNTC: no waves", ("5.7.4", "11.5"), neural(ring(18), 23, [(7, 0, 77)], waves=(0, 16384)), (0,)),
-        ("neural_waves", "3DNTC: eight octaves, first_wave 16383", ("10", "11.5"),
+        ("neural_no_waves", ["3DNTC", "no waves"], ("5.7.4", "11.5"), neural(ring(18), 23, [(7, 0, 77)], waves=(0, 16384)), (0,)),
+        ("neural_waves", ["3DNTC", "eight octaves", ("first_wave {}", 16383)], ("10", "11.5"),
          neural(ring(21), 24, [(4, 0, 77)], features=2, waves=(8, 16383)), (0,)),
-        ("neural_shortest_waves", "3DNTC: eight octaves, first_wave 16384", ("10", "11.5"),
+        ("neural_shortest_waves", ["3DNTC", "eight octaves", ("first_wave {}", 16384)], ("10", "11.5"),
          neural(ring(21), 34, [(4, 0, 77)], features=2, waves=(8, 16384)), (0,)),
-        ("neural_most_inputs", "3DNTC: the most inputs that there are", ("10", "11.5", "11.6"),
+        ("neural_most_inputs", ["3DNTC", "the most inputs that there are"], ("10", "11.5", "11.6"),
          neural(ring(12), 25, [(9, 3, 0), (8, 2, 0), (7, 1, 0), (6, 1, 0)], features=64, waves=(8, 1)), (0,)),
-        ("neural_largest", "3DNTC: parameters of +-4094, saturated activations", ("10", "11.6", "11.7"),
+        ("neural_largest", ["3DNTC", "parameters of +-4094", "saturated activations"], ("10", "11.6", "11.7"),
          neural(ring(14), 26, [(6, 5, 0)], features=2, hidden=(128, 8), waves=(0, 1), halves=largest_halves), (0,)),
-        ("neural_small", "3DNTC: subnormal parameters, zeros of both signs, rounding to fixed point", ("5.7.4", "11.6"),
+        ("neural_small", ["3DNTC", "subnormal parameters", "zeros of both signs", "rounding to fixed point"], ("5.7.4", "11.6"),
          neural(ring(16), 27, [(7, 0, 77)], hidden=(24, 24), halves=small_halves), (0,)),
-        ("neural_any_halves", "3DNTC: parameters of any sign, exponent and fraction", ("11.6", "11.7"),
+        ("neural_any_halves", ["3DNTC", "parameters of any sign, exponent and fraction"], ("11.6", "11.7"),
          neural(ring(16), 28, [(7, 0, 77)], hidden=(16, 16),
                 halves=lambda random, payload: halves_between(random, payload, (0, 26), (0, 14), (0, 10))), (0,)),
-        ("neural_flat", "3DNTC: all codes -8, a short codeword", ("11.9",), neural(ring(18), 29, [(8, 0, 77)], **flat), (0,)),
-        ("neural_no_codeword", "3DNTC: a codeword of no bytes", ("11.9",),
+        ("neural_flat", ["3DNTC", "all codes -8", "a short codeword"], ("11.9",), neural(ring(18), 29, [(8, 0, 77)], **flat),
+         (0,)),
+        ("neural_no_codeword", ["3DNTC", "a codeword of no bytes"], ("11.9",),
          neural(ring(18), 30, [(8, 0, 77)], form=FORM_TRANSPORT, latent_data=b""), (0,)),
-        ("neural_random_codeword", "3DNTC: random bytes as a codeword, more than are read", ("11.9",),
+        ("neural_random_codeword", ["3DNTC", "random bytes as a codeword", "more than are read"], ("11.9",),
          neural(ring(18), 31, [(8, 0, 77)], form=FORM_TRANSPORT, latent_data=np.random.default_rng(32).bytes(1500)), (0,)),
-        ("neural_ones_codeword", "3DNTC: a codeword that begins above every range", ("7.6.2", "11.9"),
+        ("neural_ones_codeword", ["3DNTC", "a codeword that begins above every range"], ("7.6.2", "11.9"),
          neural(sheets(12), 33, [(5, 0, 77), (6, 5, 0)], form=FORM_TRANSPORT, latent_data=b"\xff" * 9 + bytes(40) + b"\x55" * 50),
          (0,)),
     ]
@@ -222,7 +221,7 @@ def network_and_codes():
 
 def uncommon():
     """What a decoder meets seldom, and what only another encoder would write."""
-    return [Vector(f"uncommon/{name}", *rest) for name, *rest in fields_and_levels() + network_and_codes()]
+    return fields_and_levels() + network_and_codes()
 
 
 # Faulty ones
@@ -354,4 +353,4 @@ def faulty():
                 with_units(largest, lambda units: units.insert(-1, other)), "TXF-U02")]
     limit = [("neural_latents_huge", "3DNTC: 2^40 rows in the transport form", "10", huge, "TXF-L10")]
     lines = faulty_elements(resident) + faulty_payloads(resident, transport, two) + faulty_units(resident, two, alpha)
-    return as_faulty([*lines, *unknown, *limit])
+    return [*lines, *unknown, *limit]

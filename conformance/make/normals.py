@@ -5,8 +5,8 @@ import zlib
 import DracoPy
 import numpy as np
 
-from conformance.make.faulty import M, as_faulty, flipped, with_element, with_units, with_values
-from conformance.make.good import Vector, encoded, parsed, units_of, written
+from conformance.make.faulty import M, flipped, with_element, with_units, with_values
+from conformance.make.good import encoded, parsed, units_of, written
 from conformance.make.scenes import many_materials, ribbon, scene_of, torus, two_sheets
 from conformance.make.texels import BITS, Grid, Patch, stream_of_parts
 from texfcodec import decode
@@ -110,40 +110,39 @@ def uncommon():
     unlit = two_sheets()
     unlit.materials[1].unlit = True
     of_five = encoded(many_materials(), resolution=14, qp=46)
-    lines = [
-        ("normals_rules", "five materials in one field, all weights of rules", ("5.4.1", "8.4.1"),
+    return [
+        ("normals_rules", ["five materials in one field", "all weights of rules"], ("5.4.1", "8.4.1"),
          ruled(of_five, [(0, 0), (1, 180), (0, 30), (2, 60), (2, 1)])),
-        ("normals_unlit", "an unlit material without a rule", ("5.4.1",), encoded(unlit, resolution=14, qp=46)),
-        ("normals_marks", "marks of sharp edges", ("5.10", "8.4.2"), marked(ring(), [(MARKED_BY_BOTH, 180)])),
-        ("normals_marks_noise", "marks of sharp edges, many classes of folds", ("5.10", "8.4.2"),
+        ("normals_unlit", ["an unlit material without a rule"], ("5.4.1",), encoded(unlit, resolution=14, qp=46)),
+        ("normals_marks", ["marks of sharp edges"], ("5.10", "8.4.2"), marked(ring(), [(MARKED_BY_BOTH, 180)])),
+        ("normals_marks_noise", ["marks of sharp edges", "many classes of folds"], ("5.10", "8.4.2"),
          marked(crumpled(), [(MARKED_BY_AREA, 90)], 0.5, 1)),
         # One of its folds has another class where negative components are shifted towards 0.
-        ("normals_marks_shift", "many classes of folds, marks of sharp edges", ("8.4.2",),
+        ("normals_marks_shift", ["many classes of folds", "marks of sharp edges"], ("8.4.2",),
          marked(crumpled(21), [(MARKED_BY_AREA, 90)], 0.5, 10)),
-        ("normals_marks_ribbon", "a ribbon, marks of sharp edges", ("8.4.2",),
+        ("normals_marks_ribbon", ["a ribbon", "marks of sharp edges"], ("8.4.2",),
          marked(encoded(scene_of(*ribbon()), resolution=20, qp=46), [(4, 120)], 0.1, 2)),
-        ("normals_marks_one", "five materials in one field, marks at one of the materials", ("5.10", "8.4.2"),
+        ("normals_marks_one", ["five materials in one field", "marks at one of the materials"], ("5.10", "8.4.2"),
          marked(of_five, [(0, 45), (MARKED_BY_AREA, 180), (0, 45), (1, 45), (0, 0)], 0.7, 3)),
-        ("normals_marks_narrow", "marks of sharp edges, faces with two corners at one position", ("8.4.2",),
+        ("normals_marks_narrow", ["marks of sharp edges", "faces with two corners at one position"], ("8.4.2",),
          marked(narrow(), [(MARKED_BY_BOTH, 180)], 0.5)),
-        ("normals_all_sharp", "every edge sharp", ("8.4.2",), marked(ring(), [(MARKED_BY_AREA, 180)], 1.1)),
-        ("normals_fine", "position_bits 20, marks of sharp edges", ("8.4.2",),
+        ("normals_all_sharp", ["every edge sharp"], ("8.4.2",), marked(ring(), [(MARKED_BY_AREA, 180)], 1.1)),
+        ("normals_fine", [("B = {}", 20), "marks of sharp edges"], ("8.4.2",),
          marked(ring(position_bits=20), [(MARKED_BY_AREA, 180)], 0.3, 4)),
-        ("normals_coded", "coded normals", ("5.11", "8.4.3", "8.4.4"), marked(ring(), [(CODED, 0)])),
-        ("normals_coded_wild", "coded normals, residuals of all sizes", ("8.4.4",),
+        ("normals_coded", ["coded normals"], ("5.11", "8.4.3", "8.4.4"), marked(ring(), [(CODED, 0)])),
+        ("normals_coded_wild", ["coded normals", "residuals of all sizes"], ("8.4.4",),
          marked(crumpled(), [(CODED, 180)], 0.4, 5, wild, 4096)),
-        ("normals_coded_noise", "coded normals, a codeword of noise", ("8.4.4",),
+        ("normals_coded_noise", ["coded normals", "a codeword of noise"], ("8.4.4",),
          marked(crumpled(), [(CODED, 0)], 0.1, 6, np.random.default_rng(9).bytes(4000), 77)),
-        ("normals_coded_one", "five materials in one field, coded normals at one of the materials", ("5.11", "8.4.3"),
+        ("normals_coded_one", ["five materials in one field", "coded normals at one of the materials"], ("5.11", "8.4.3"),
          marked(of_five, [(0, 45), (CODED, 0), (0, 45), (MARKED_BY_BOTH, 90), (0, 0)], 0.3, 7, small, 1)),
-        ("normals_coded_leaves", "coded normals, faces at one place, edges of more than two faces", ("8.4.3",),
+        ("normals_coded_leaves", ["coded normals", "faces at one place", "edges of more than two faces"], ("8.4.3",),
          marked(leaves(), [(CODED, 0)], 0.15, 8, small, 700)),
-        ("normals_coded_sharp", "every edge sharp, coded normals, faces at one place", ("8.4.3",),
+        ("normals_coded_sharp", ["every edge sharp", "coded normals", "faces at one place"], ("8.4.3",),
          marked(leaves(), [(CODED, 0)], 1.1, 8, small, 700)),
-        ("normals_coded_fine", "position_bits 20, coded normals", ("8.4.3",),
+        ("normals_coded_fine", [("B = {}", 20), "coded normals"], ("8.4.3",),
          marked(ring(position_bits=20), [(CODED, 0)], 0.1, 9, small, 60)),
     ]
-    return [Vector(f"uncommon/{name}", *rest) for name, *rest in lines]
 
 
 def faulty():
@@ -180,7 +179,7 @@ def faulty():
     def without_normals(units):
         units[:] = [(kind, payload) for kind, payload in units if kind != N]
 
-    lines = [
+    return [
         ("normal_rule_7", "normal_rule 7", "5.4.1", rule(7, base), "TXF-U09"),
         ("normal_angle_181", "normal_angle 181", "5.4.1", angle(181), "TXF-S04"),
         ("marks_missing", "a rule that asks for marks, and no sharp edges unit", "5.10", rule(MARKED_BY_AREA), "TXF-S11"),
@@ -211,5 +210,4 @@ def faulty():
         ("normals_crc", "a wrong normals_crc", "8.4.4", of_normals("normals_crc", b"\1\2\3\4"), "TXF-S32"),
         ("residual_data", "a flipped bit in residual_data", "8.4.4", with_values(with_normals, other_residuals), "TXF-S32"),
     ]
-    return as_faulty(lines)
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from conformance.make.faulty import as_faulty, with_values
+from conformance.make.faulty import with_values
 from conformance.make.filter import SLICES, every, filtered, out_of_range
-from conformance.make.good import Vector, parsed, recoded, with_codeword
+from conformance.make.good import parsed, recoded, with_codeword
 from conformance.make.texels import Image, picture, ring, sheet, stream_of_parts
 from texfcodec.codecs.raht.transform.filter import stage_of
 from texfcodec.codecs.raht.transform.planar_rings import PLANAR_TAPS
@@ -50,38 +50,40 @@ def uncommon():
     noise = np.random.default_rng(81).bytes(600)
     stages, stages_of_islands, stages_of_dct = ({3: [drawn_stage(seed + n) for n in range(2)]} for seed in (80, 84, 88))
     lines = [
-        ("planar_plain", "a planar support, eight models, no rotated splits, no components that follow", ("7.11", "7.11.2"),
-         recoded(data, models=8)),
-        ("planar_direct", "rotated splits, components that follow, direct contexts", ("7.11.1", "7.4.4"), recoded(data, **ALL)),
-        ("planar_mixed", "rotated splits, components that follow, eight models, colour range", ("7.11.1", "7.4.4", "7.11.2"),
-         recoded(data, models=8, colour_range=4, **ALL)),
-        ("planar_alpha", "a planar support, colour and alpha, rotated splits, components that follow",
+        ("planar_plain", ["a planar support", ("{} models", 8), "no rotated splits", "no components that follow"],
+         ("7.11", "7.11.2"), recoded(data, models=8)),
+        ("planar_direct", ["rotated splits", "components that follow", "direct contexts"], ("7.11.1", "7.4.4"),
+         recoded(data, **ALL)),
+        ("planar_mixed", ["rotated splits", "components that follow", ("{} models", 8), "colour range"],
+         ("7.11.1", "7.4.4", "7.11.2"), recoded(data, models=8, colour_range=4, **ALL)),
+        ("planar_alpha", ["a planar support", "colour and alpha", "rotated splits", "components that follow"],
          ("5.7.1", "7.11.1", "7.4.4"), recoded(sheet_of_texels(alpha=True), models=6, **ALL)),
-        ("planar_cross_1", "component_cross 1, no transform", ("7.4.4", "7.8.1"),
+        ("planar_cross_1", [("component_cross {}", 1), "no transform"], ("7.4.4", "7.8.1"),
          recoded(data, models=6, plain=True, component_cross=1)),
-        ("planar_slices", "a planar support, slices with the level index", ("7.2", "7.11", "7.11.2"),
+        ("planar_slices", ["a planar support", "slices with the level index"], ("7.2", "7.11", "7.11.2"),
          recoded(data, models=8, slices=SLICES, index=True, **ALL)),
-        ("planar_islands", "a planar support, texels that no face asks, components that follow",
+        ("planar_islands", ["a planar support", "texels that no face asks", "components that follow"],
          ("5.7.3", "7.4.4", "7.11.3"), filtered(islands(), stages_of_islands, models=8, **ALL)),
-        ("planar_filter", "two filter stages of five taps, with slices", ("5.7.3", "7.11.3"),
+        ("planar_filter", ["two filter stages of five taps", "slices"], ("5.7.3", "7.11.3"),
          filtered(data, stages, slices=SLICES, models=6, **ALL)),
-        ("planar_lossless", "a planar support, lossless", ("7.9", "7.11"), recoded(data, models=6, max_error=0, **ALL)),
-        ("planar_random", "a planar support, random bytes as a codeword, means at their bounds, factors at their bounds",
+        ("planar_lossless", ["a planar support", "lossless"], ("7.9", "7.11"), recoded(data, models=6, max_error=0, **ALL)),
+        ("planar_random", ["a planar support", "random bytes as a codeword", "means at their bounds", "factors at their bounds"],
          ("7.11.1", "7.4.4", "7.11.2"), with_codeword(recoded(data, models=8, **ALL), noise, [40, 63, 63])),
-        ("dct_blocks", "DCT blocks beside others, eight models", ("7.11.4", "7.11.2"), recoded(corners, **DCT)),
-        ("dct_alpha", "DCT blocks of one component and of three, six models", ("7.11.4",),
+        ("dct_blocks", ["DCT blocks beside others", ("{} models", 8)], ("7.11.4", "7.11.2"), recoded(corners, **DCT)),
+        ("dct_alpha", ["DCT blocks of one component and of three", ("{} models", 6)], ("7.11.4",),
          recoded(two_corners(alpha=True), **DCT | {"models": 6})),
-        ("dct_fine", "DCT blocks, long magnitudes", ("7.11.4",), recoded(two_corners(qp=4), **DCT)),
-        ("dct_slices", "DCT blocks, slices with the level index", ("7.2", "7.11.4"),
+        ("dct_fine", ["DCT blocks", "long magnitudes"], ("7.11.4",), recoded(two_corners(qp=4), **DCT)),
+        ("dct_slices", ["DCT blocks", "slices with the level index"], ("7.2", "7.11.4"),
          recoded(corners, slices=SLICES, index=True, **DCT)),
-        ("dct_trunk", "DCT blocks above the slices", ("7.2", "7.11.4"),
+        ("dct_trunk", ["DCT blocks above the slices"], ("7.2", "7.11.4"),
          recoded(corners, slices=SLICES | {"_plan_slices": lambda levels, _: (4, [0, len(levels[4]) // 2])}, **DCT)),
-        ("dct_filter", "DCT blocks, two filter stages of five taps", ("7.11.3", "7.11.4"), filtered(data, stages_of_dct, **DCT)),
-        ("dct_lossless", "DCT blocks, lossless", ("7.9", "7.11.4"), recoded(corners, max_error=0, **DCT)),
-        ("dct_random", "DCT blocks, random bytes as a codeword, means at their bounds", ("7.11.4",),
+        ("dct_filter", ["DCT blocks", "two filter stages of five taps"], ("7.11.3", "7.11.4"),
+         filtered(data, stages_of_dct, **DCT)),
+        ("dct_lossless", ["DCT blocks", "lossless"], ("7.9", "7.11.4"), recoded(corners, max_error=0, **DCT)),
+        ("dct_random", ["DCT blocks", "random bytes as a codeword", "means at their bounds"], ("7.11.4",),
          with_codeword(recoded(corners, **DCT), noise, [40, 63, 63])),
     ]
-    return [Vector(f"uncommon/{name}", *rest, (0, 1, 3) if "DCT" in rest[0] else (0, 1)) for name, *rest in lines]
+    return [(name, *rest, (0, 1, 3) if name.startswith("dct_") else (0, 1)) for name, *rest in lines]
 
 
 def faulty():
@@ -95,7 +97,7 @@ def faulty():
     last = filtered(data, {3: [drawn_stage(90)]}, models=6, **ALL)
     tap = lambda stream: stream.attributes[0]["filters"][0]["filter_coefficients"].__setitem__(64, 99)  # class 4, component 0
     assert unit["planar_transform"] == 1 and unit["component_cross"] == 16
-    lines = [
+    return [
         ("planar_transform_2", "planar_transform 2", "5.7.1",
          out_of_range(mixed, "planar_transform", b"\2", planar_transform=2), "TXF-U09"),
         ("component_cross_17", "component_cross 17", "5.7.1",
@@ -110,4 +112,3 @@ def faulty():
         ("planar_filter_tap", "another fifth filter coefficient of the roughest class", "7.11.3",
          with_values(last, tap), "TXF-S32"),
     ]
-    return as_faulty(lines)

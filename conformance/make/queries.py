@@ -1,6 +1,6 @@
 """Queries of the conformance vectors (clauses 8.1, 8.2 and 11.2): points, and every answer to them that is right.
 
-The answers are those of tests/naive/queries.py, in exact fractions. A point counts only where the answers that the clauses let
+The answers are those of reference/queries.py, in exact fractions. A point counts only where the answers that the clauses let
 pass are a few: so close to centres and borders that rounding decides, that is looked up by asking its neighbourhood as well.
 """
 
@@ -10,11 +10,11 @@ from fractions import Fraction
 from itertools import islice, product
 from math import floor
 
-from naive import decoder
-from naive.attributes import de_interleave
-from naive.neural import position_of
-from naive.queries import Asked, blend, grid_point, lattice_point, minus, nearest, on_plane, trilinear
-from naive.syntax import TEXELS
+from conformance.reference import decoder
+from conformance.reference.attributes import de_interleave
+from conformance.reference.neural import position_of
+from conformance.reference.queries import Asked, blend, grid_point, lattice_point, minus, nearest, on_plane, trilinear
+from conformance.reference.syntax import TEXELS
 
 TOLERANCE, SAME = 0.01, Fraction(1, 1000)  # the tolerance of clause 8.2; nearer than the other, two answers are one
 DECIMALS = 6

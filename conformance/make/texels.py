@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import DracoPy
 import numpy as np
 
-from conformance.make.good import Vector, encoded, raht, torus, with_checksum, written
+from conformance.make.good import encoded, raht, torus, with_checksum, written
 from texfcodec.bitstream.appearance import needed_groups
 from texfcodec.bitstream.stream import Stream
 from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, VERSION
@@ -224,16 +224,16 @@ def subset():
     """What the encoder writes every day."""
     stream = encoded(wall(), support="texels", qp=30)
     image = lambda size, **more: Image(picture(*size, **more), REPEATED)
-    lines = [
-        ("texels", "a field over texels: UVs beside the image", ("5.5", "5.6.2", "6.5.3"), stream, (0, 1)),
-        ("texels_repeat", "an image of 24 x 16, repeat, and all its levels of detail, seams, every texel asked",
+    return [
+        ("texels", ["a field over texels", "UVs beside the image"], ("5.5", "5.6.2", "6.5.3"), stream, (0, 1)),
+        ("texels_repeat",
+         [("an image of {} x {}", 24, 16), ("wrap {}", "repeat"), "all levels of detail", "seams", "every texel asked"],
          ("5.5", "5.6.2", "6.5.4", "8.3"), stream_of_parts([image((24, 16))], [ring((24, 16))]), (*range(6), 9)),
-        ("texels_lossless", "an image of 21 x 13, repeat, lossless", ("6.5.4", "7.9", "8.3"),
+        ("texels_lossless", [("an image of {} x {}", 21, 13), ("wrap {}", "repeat"), "lossless"], ("6.5.4", "7.9", "8.3"),
          stream_of_parts([image((21, 13), noise=30)], [ring((21, 13))], qp=24, models=8, max_error=0), (0, 1, 3)),
-        ("texels_alpha", "colour and alpha, an image of 18 x 9, repeat", ("5.5", "5.7", "7.8.1"),
+        ("texels_alpha", ["colour and alpha", ("an image of {} x {}", 18, 9), ("wrap {}", "repeat")], ("5.5", "5.7", "7.8.1"),
          stream_of_parts([image((18, 9), channels=4)], [ring((18, 9))], alpha=True), (0, 1)),
     ]
-    return [Vector(f"subset/{name}", *rest) for name, *rest in lines]
 
 
 def several():
@@ -312,44 +312,48 @@ def uncommon():
     wide = [(0, 8), (16384 * 16 - 1, 8), (9000 * 16, 3), (0, 8), (9000 * 16, 3), (77, 2)]
     tall = [(5, -3000), (9, 7000), (-40, 9000), (5, -3000), (-40, 9000), (60, 300)]
     noisy, tools = Image(picture(27, 22, noise=20)), {"models": 8, "colour_range": 3, "filters": 2}
-    lines = [
-        ("texels_one", "an image of 1 x 1, mirror, no level, no codeword", ("5.7.1", "6.5", "8.3"),
+    return [
+        ("texels_one", [("an image of {} x {}", 1, 1), ("wrap {}", "mirror"), "no level", "no codeword"], ("5.7.1", "6.5", "8.3"),
          stream_of_parts([Image(picture(1, 1), MIRRORED)], [ring((1, 1))]), (0, 1)),
-        ("texels_wide", "an image of 16384 x 1, repeat x clamp", ("5.5", "6.5", "7.1", "8.3"),
+        ("texels_wide", [("an image of {} x {}", 16384, 1), ("wrap {} x {}", "repeat", "clamp")], ("5.5", "6.5", "7.1", "8.3"),
          stream_of_parts([Image(picture(16384, 1, noise=9), (WRAP_REPEAT, WRAP_CLAMP))], [sheet(wide)], qp=44), (0, 1, 13, 14)),
-        ("texels_tall", "an image of 1 x 300, clamp x mirror, UVs beside the image", ("5.5", "6.5.3", "8.3"),
-         stream_of_parts([Image(picture(1, 300), (WRAP_CLAMP, WRAP_MIRROR))], [sheet(tall)]), (0, 2, 9)),
-        ("texels_clamp", "an image of 13 x 7, clamp, UVs beside the image", ("6.5.3",),
+        ("texels_tall", [("an image of {} x {}", 1, 300), ("wrap {} x {}", "clamp", "mirror"), "UVs beside the image"],
+         ("5.5", "6.5.3", "8.3"), stream_of_parts([Image(picture(1, 300), (WRAP_CLAMP, WRAP_MIRROR))], [sheet(tall)]), (0, 2, 9)),
+        ("texels_clamp", [("an image of {} x {}", 13, 7), ("wrap {}", "clamp"), "UVs beside the image"], ("6.5.3",),
          stream_of_parts([Image(picture(13, 7), CLAMPED)], [ring((13, 7), 4, (2, 1), (-8, 3))]), (0, 1)),
-        ("texels_mirror", "an image of 10 x 22, mirror, UVs beside the image", ("6.5.3",),
+        ("texels_mirror", [("an image of {} x {}", 10, 22), ("wrap {}", "mirror"), "UVs beside the image"], ("6.5.3",),
          stream_of_parts([Image(picture(10, 22), MIRRORED)], [ring((10, 22), 4, (0.6, -0.4), (-17, 2.3))]), (0, 1)),
-        ("texels_repeat_mirror", "an image of 7 x 6, repeat x mirror, UVs beside the image", ("6.5.3",),
+        ("texels_repeat_mirror", [("an image of {} x {}", 7, 6), ("wrap {} x {}", "repeat", "mirror"), "UVs beside the image"],
+         ("6.5.3",),
          stream_of_parts([Image(picture(7, 6), (WRAP_REPEAT, WRAP_MIRROR))], [ring((7, 6), 4, (0.4, 0.5), (5.6, -7.2))]), (0,)),
-        ("texels_parts", "an image of 32 x 32, clamp, texels that no face asks", ("6.5.2", "7.1", "8.3"),
-         stream_of_parts([Image(picture(32, 32), CLAMPED)], [ring((32, 32), 4, (0.4, 0.2), (3, 9))]), (0, 2)),
-        ("texels_whole", "an image of 9 x 8, repeat, UVs in whole texels, plain UVs", ("5.6.2", "6.5.2"),
-         stream_of_parts([Image(picture(9, 8), REPEATED, 0)], [ring((9, 8), 0, (2, 1))]), (0,)),
-        ("texels_fine", "an image of 5 x 3, mirror x clamp, UVs in 1/256 of a texel, UVs quantised to 20 bits",
-         ("5.6.2", "6.5.2"), longest(), (0,)),
-        ("texels_quantised", "an image of 24 x 16, repeat, UVs quantised to 9 bits", ("5.6.2",),
-         stream_of_parts([Image(picture(24, 16))], [quantised(ring((24, 16)), 9)]), (0,)),
-        ("texels_rounded", "UVs quantised to 14 bits, many of which stand for one number", ("5.6.2",), rounded(), (0,)),
-        ("texels_near", "UVs quantised to 8 bits, one by nearly a quarter off", ("5.6.2",),
+        ("texels_parts", [("an image of {} x {}", 32, 32), ("wrap {}", "clamp"), "texels that no face asks"],
+         ("6.5.2", "7.1", "8.3"), stream_of_parts([Image(picture(32, 32), CLAMPED)], [ring((32, 32), 4, (0.4, 0.2), (3, 9))]),
+         (0, 2)),
+        ("texels_whole", [("an image of {} x {}", 9, 8), ("wrap {}", "repeat"), "UVs in whole texels", "plain UVs"],
+         ("5.6.2", "6.5.2"), stream_of_parts([Image(picture(9, 8), REPEATED, 0)], [ring((9, 8), 0, (2, 1))]), (0,)),
+        ("texels_fine", [("an image of {} x {}", 5, 3), ("wrap {} x {}", "mirror", "clamp"), ("UVs in 1/{} of a texel", 256),
+          ("UVs quantised to {} bits", 20)], ("5.6.2", "6.5.2"), longest(), (0,)),
+        ("texels_quantised", [("an image of {} x {}", 24, 16), ("wrap {}", "repeat"), ("UVs quantised to {} bits", 9)],
+         ("5.6.2",), stream_of_parts([Image(picture(24, 16))], [quantised(ring((24, 16)), 9)]), (0,)),
+        ("texels_rounded", [("UVs quantised to {} bits", 14), "many of which stand for one number"], ("5.6.2",), rounded(), (0,)),
+        ("texels_near", [("UVs quantised to {} bits", 8), "one by nearly a quarter off"], ("5.6.2",),
          stream_of_parts([Image(picture(14, 8), CLAMPED)], [off_by(0.99)]), (0,)),
-        ("texels_low", "uv_origin -33554431", ("5.6.2", "6.5.3"), far(-1), (0,)),
-        ("texels_high", "uv_origin 33554431", ("5.6.2", "6.5.3"), far(1), (0,)),
-        ("texels_centres", "all UVs on centres of texels", ("6.5.2",), centres, (0,)),
-        ("texels_borders", "all UVs on borders of texels", ("6.5.2",), edges, (0,)),
-        ("texels_flat", "a face whose UVs are a line, a face whose UVs are a point", ("6.5.1", "6.5.2"), flat(), (0,)),
-        ("texels_materials", "three materials in one field over texels", ("5.6", "6.5.4"), parts["materials"], (0, 1)),
-        ("texels_mixed", "two fields over texels, one over voxels, geometry units out of field order",
+        ("texels_low", [("uv_origin {}", -33554431)], ("5.6.2", "6.5.3"), far(-1), (0,)),
+        ("texels_high", [("uv_origin {}", 33554431)], ("5.6.2", "6.5.3"), far(1), (0,)),
+        ("texels_centres", [("all UVs on {} of texels", "centres")], ("6.5.2",), centres, (0,)),
+        ("texels_borders", [("all UVs on {} of texels", "borders")], ("6.5.2",), edges, (0,)),
+        ("texels_flat", [("a face whose UVs are a {}", "line"), ("a face whose UVs are a {}", "point")], ("6.5.1", "6.5.2"),
+         flat(), (0,)),
+        ("texels_materials", ["three materials in one field over texels"], ("5.6", "6.5.4"), parts["materials"], (0, 1)),
+        ("texels_mixed", ["two fields over texels", "one over voxels", "geometry units out of field order"],
          ("5.5", "5.6.1", "5.6.2", "8.3"), parts["mixed"], (0, 1, 3)),
-        ("texels_constant", "two fields over texels, the second constant", ("5.7.6", "6.5.4", "8.3"), parts["constant"], (0, 2)),
-        ("texels_tools", "an image of 27 x 22, repeat, eight models, colour range, a filter", ("7.3", "7.5.5", "7.7"),
-         stream_of_parts([noisy], [ring((27, 22))], qp=36, **tools), (0, 1)),
-        ("texels_slices", "an image of 27 x 22, repeat, lossless with slices", ("5.7.1", "7.2", "7.9"),
+        ("texels_constant", ["two fields over texels", "the second constant"], ("5.7.6", "6.5.4", "8.3"), parts["constant"],
+         (0, 2)),
+        ("texels_tools", [("an image of {} x {}", 27, 22), ("wrap {}", "repeat"), ("{} models", 8), "colour range", "a filter"],
+         ("7.3", "7.5.5", "7.7"), stream_of_parts([noisy], [ring((27, 22))], qp=36, **tools), (0, 1)),
+        ("texels_slices", [("an image of {} x {}", 27, 22), ("wrap {}", "repeat"), "lossless", "slices"], ("5.7.1", "7.2", "7.9"),
          stream_of_parts([noisy], [ring((27, 22))], qp=30, models=6, max_error=0, slices=SLICES), (0, 1)),
-        ("texels_near_lossless", "an image of 27 x 22, repeat, noise with errors of at most 3 from a coarse field", ("7.9",),
-         stream_of_parts([noisy], [ring((27, 22))], qp=36, models=8, max_error=3), (0, 1)),
+        ("texels_near_lossless",
+         [("an image of {} x {}", 27, 22), ("wrap {}", "repeat"), ("noise with errors of at most {} from a coarse field", 3)],
+         ("7.9",), stream_of_parts([noisy], [ring((27, 22))], qp=36, models=8, max_error=3), (0, 1)),
     ]
-    return [Vector(f"uncommon/{name}", *rest) for name, *rest in lines]

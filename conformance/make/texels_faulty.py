@@ -3,8 +3,8 @@
 import DracoPy
 import numpy as np
 
-from conformance.make import neural as vectors_neural
-from conformance.make.faulty import F, G, as_faulty, with_element, with_right_crc, with_units, with_values
+from conformance.make import neural
+from conformance.make.faulty import F, G, with_element, with_right_crc, with_units, with_values
 from conformance.make.good import parsed
 from conformance.make.texels import CLAMPED, Grid, Image, Patch, off_by, picture, quantised, ring, sheet, stream_of_parts
 from texfcodec.core.syntax_walk import write_v
@@ -72,7 +72,7 @@ def fields():
     huge = with_values(beside, lambda stream: stream.fields[0].update(width=16384, height=16384))
     limit = [("texels_num_keys_huge", "2^28 texels", "10", with_element(base, F, "num_keys", write_v(1 << 28)), "TXF-L04"),
              ("texels_image_huge", "an image of 2^28 texels", "10", huge, "TXF-L11")]
-    return as_faulty([*lines, *limit])
+    return [*lines, *limit]
 
 
 def _cut(units, kind, size):
@@ -107,7 +107,7 @@ def uv_attributes():
     voxels = stream_of_parts([Grid(6)], [Patch(patch.lattice, patch.faces)])
     over_voxels = ("voxels_with_uv", "UVs in a unit of a field over voxels", "5.6.1",
                    _with_draco(voxels, patch.values(True)["draco_data"]), "TXF-S20")
-    return as_faulty([*((name, title, "5.6.2", data, code) for name, title, data, code in lines), over_voxels])
+    return [*((name, title, "5.6.2", data, code) for name, title, data, code in lines), over_voxels]
 
 
 def _with_draco(data, substream):
@@ -147,10 +147,10 @@ def uv_elements():
         ("texels_uv_moved", "another uv_origin than the texels were made for", "6.5.4", with_right_crc(origin(x + 64, y)),
          "TXF-S30"),
     ]
-    return as_faulty([*((name, title, "5.6.2", data, code) for name, title, data, code in lines), *others])
+    return [*((name, title, "5.6.2", data, code) for name, title, data, code in lines), *others]
 
 
-def neural():
+def neural_over_texels():
     """A 3DNTC unit, in order but for the field that it stands beside."""
     textured = parsed(base_stream())
 
@@ -159,10 +159,10 @@ def neural():
         stream.header.update({name: textured.header[name] for name in (
             "position_bits", "num_materials", "num_fields", "num_geometry_units")})
 
-    small = next(v.data for v in vectors_neural.subset() if v.name.endswith("neural_resident"))
-    return as_faulty([("neural_texels", "3DNTC: a field over texels", "5.7", with_values(small, edit), "TXF-S13")])
+    small = next(data for name, _, _, data, *_ in neural.subset() if name == "neural_resident")
+    return [("neural_texels", "3DNTC: a field over texels", "5.7", with_values(small, edit), "TXF-S13")]
 
 
 def faulty():
     """Clauses 5.5 to 6.5 and 10."""
-    return fields() + uv_attributes() + uv_elements() + neural()
+    return fields() + uv_attributes() + uv_elements() + neural_over_texels()

@@ -1,11 +1,11 @@
-"""What happens inside a decoder on its way through a stream, watched on the naive one of tests/naive."""
+"""What happens inside a decoder on its way through a stream, watched on the reference one."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from unittest.mock import patch
 
-from naive import attributes, decoder, following, mixing, neural, residual
-from naive import filter as wiener
+from conformance.reference import attributes, decoder, following, mixing, neural, residual
+from conformance.reference import filter as wiener
 
 CLIPPING = (attributes, wiener, following, mixing, neural, residual)
 

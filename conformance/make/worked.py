@@ -3,7 +3,7 @@
 from contextlib import ExitStack
 from unittest.mock import patch
 
-from naive import attributes, decoder, mixing
+from conformance.reference import attributes, decoder, mixing
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.limits import Limits
 

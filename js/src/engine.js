@@ -76,11 +76,14 @@ export class TexfError extends Error {
   /**
    * @param {'invalid'|'unsupported'|'limit'|'memory'|'aborted'|'network'|'internal'} code
    * @param {string} message one sentence
+   * @param {{finding?: string, value?: number, allowed?: number}} details finding: code in docs/guide/errors.md, "TXF-S22"; value, allowed:
+   *   what the stream has, and what it may have
    */
-  constructor(code, message) {
+  constructor(code, message, details = {}) {
     super(message);
     this.name = 'TexfError';
     this.code = code;
+    this.details = details;
   }
 }
 
@@ -95,7 +98,7 @@ const PARAMETERS = ['normal_scale', 'occlusion_strength', 'roughness', 'metallic
   'iridescence_thickness_maximum', 'anisotropy', 'anisotropy_rotation', 'diffuse_transmission', 'diffuse_transmission_colour', 'ior',
   'dispersion'];
 const LIMITS = ['fileBytes', 'vertices', 'faces', 'voxels', 'texels', 'samples', 'latents', 'metadataBytes'];
-const CODES = {3: 'invalid', 4: 'internal', 5: 'unsupported', 6: 'limit'};
+const FAMILIES = /** @type {const} */ ({3: ['S', 'invalid'], 4: ['C', 'internal'], 5: ['U', 'unsupported'], 6: ['L', 'limit']});
 const KIND = {description: 0, metadata: 1, positions: 2, uvs: 3, faces: 4, normals: 5, keys: 6, values: 7, sharpEdges: 8,
   codedNormals: 9, image: 10, latents: 11, network: 12, latentKeys: 13};
 
@@ -155,16 +158,22 @@ export class Engine {
       return what();
     } catch (error) {
       if (error instanceof TexfError) throw error;
-      const code = /** @type {keyof typeof CODES} */ (this.exports.refusal_code());
-      if (code in CODES) throw new TexfError(/** @type {any} */ (CODES[code]), this.sentence());
+      const refusal = this.refusal();
+      if (refusal) throw refusal;
       if (error instanceof WebAssembly.RuntimeError || error instanceof RangeError) throw new TexfError('memory', 'there is not enough memory for this stream');
       throw error;
     }
   }
 
-  sentence() {
-    const memory = new Uint8Array(this.exports.memory.buffer), at = this.exports.refusal_sentence() >>> 0;
-    return new TextDecoder().decode(memory.slice(at, memory.indexOf(0, at)));
+  /** Why the program has stopped, texf_refusal of native/texf.h; null where it says nothing. */
+  refusal() {
+    const at = this.exports.refusal() >>> 0, view = new DataView(this.exports.memory.buffer, at), memory = new Uint8Array(view.buffer, at + 24);
+    const number = view.getInt32(0, true), family = /** @type {keyof typeof FAMILIES} */ (Math.floor(number / 100));
+    if (!(family in FAMILIES)) return null;
+    const [letter, code] = FAMILIES[family], finding = `TXF-${letter}${String(number % 100).padStart(2, '0')}`;
+    const [value, allowed] = [8, 16].map((place) => Number(view.getBigUint64(place, true)));
+    const details = view.getInt32(4, true) ? {finding, value, allowed} : {finding};
+    return new TexfError(code, new TextDecoder().decode(memory.slice(0, memory.indexOf(0))), details);
   }
 }
 

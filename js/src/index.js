@@ -205,11 +205,11 @@ class PoolWorker {
     });
   }
 
-  /** @param {{id: number, asset?: Asset, error?: {code: any, message: string}}} answer */
+  /** @param {{id: number, asset?: Asset, error?: {code: any, message: string, details: any}}} answer */
   answered({id, asset, error}) {
     if (id !== this.count) return;
     if (IN_NODE) this.worker.unref();
-    if (error) this.reject?.(new TexfError(error.code, error.message));
+    if (error) this.reject?.(new TexfError(error.code, error.message, error.details));
     else this.resolve?.(/** @type {Asset} */ (asset));
     this.resolve = this.reject = null;
   }

@@ -16,8 +16,8 @@ function work({id, module, bytes, level, limits, chosen}, answer) {
     const asset = decodeWith(module, bytes, level, limits, chosen);
     answer({id, asset}, [...buffersOf(asset)]);
   } catch (error) {
-    const {code, message} = error instanceof TexfError ? error : {code: 'internal', message: String(error)};
-    answer({id, error: {code, message}}, []);
+    const {code, message, details} = error instanceof TexfError ? error : new TexfError('internal', String(error));
+    answer({id, error: {code, message, details}}, []);
   }
 }
 

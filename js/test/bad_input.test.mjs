@@ -1,7 +1,7 @@
 /** What a page may get in place of a stream, and what it may do meanwhile: one sentence with the right code, and nothing is left. */
 
 import assert from 'node:assert/strict';
-import {readFileSync} from 'node:fs';
+import {readFileSync, readdirSync} from 'node:fs';
 import {after, test} from 'node:test';
 import {setTimeout} from 'node:timers/promises';
 
@@ -18,6 +18,19 @@ test('a download that was cut is invalid wherever it was cut', async () => {
     for (let cut = 0; cut < 40; cut++) await assert.rejects(decoder.decode(bytes.subarray(0, Math.floor(bytes.length * cut / 40))), refused('invalid'));
     await assert.rejects(decoder.decode(bytes.subarray(0, bytes.length - 1)), refused('invalid'));
   }
+});
+
+test('every faulty vector is refused with the finding that its case names', async () => {
+  const families = {S: 'invalid', U: 'unsupported', L: 'limit'}, names = readdirSync(new URL('../../conformance/faulty', import.meta.url));
+  for (const name of names) {
+    const {code} = JSON.parse(readFileSync(new URL(`../../conformance/faulty/${name}/case.json`, import.meta.url), 'utf8'));
+    await assert.rejects(decoder.decode(vector(`faulty/${name}`)), (error) => {
+      assert.deepEqual([error.details.finding, error.code], [code, families[code[4]]], name);
+      return true;
+    });
+  }
+  assert.ok(names.length > 300);
+  await assert.rejects(decoder.decode(texels, {limits: {faces: 1}}), (error) => error.details.value > 1 && error.details.allowed === 1);
 });
 
 test('a page or another file in place of the stream is invalid', async () => {

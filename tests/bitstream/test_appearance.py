@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes import crossing_sheets
 
-from naive import materials as naive
-from naive import oracles
-from naive.bits import Reader
-from naive.texels import bilinear
+from conformance.reference import materials as naive
+from conformance.reference.bits import Reader
+from conformance.reference.texels import bilinear
+from oracles import kernels as oracles
 from texfcodec import DecodeOptions, EncodeOptions, decode, encode, inspect
 from texfcodec.bitstream.appearance import material_of, parameter_values
 from texfcodec.bitstream.syntax import MATERIAL

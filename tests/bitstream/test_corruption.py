@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 from conftest import REPOSITORY
 from damage import END, fields_of, outcome, repacked, small, with_a_bit_flipped
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from shapes import painted_sphere, sphere
+from shapes import painted_sphere
 
 from texfcodec.api import decode
 from texfcodec.bitstream.inspect import inspect
@@ -24,7 +22,6 @@ from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import StreamError, SupportError
 from texfcodec.field.keyed import keys_crc
 from texfcodec.field.voxelise import voxelise
-from texfcodec.geometry.draco import enc_geometry
 from texfcodec.limits import Limits
 from texfcodec.options import DecodeOptions, EncodeOptions
 from texfcodec.report import Report
@@ -38,15 +35,6 @@ def test_decoder_refuses_every_prefix(kind):
     for end in range(len(data)):
         with pytest.raises(StreamError):
             decode(data[:end])
-
-
-@pytest.mark.parametrize("kind", ["sphere", "sheets", "texels"])
-def test_decoder_refuses_every_appended_byte(kind):
-    data = small(kind)
-    for byte in range(256):
-        with pytest.raises(StreamError) as caught:
-            decode(data + bytes([byte]))
-        assert caught.value.code == "TXF-S08" and caught.value.details["offset"] == len(data)
 
 
 @pytest.mark.parametrize("kind", ["sphere", "sheets", "texels"])
@@ -64,13 +52,6 @@ def test_decoder_refuses_a_stream_with_bytes_missing_in_the_middle(cut):
             decode(data[:i] + data[i + cut :])
 
 
-@pytest.mark.parametrize("data", [b"", b"\0", b"not a mesh", bytes(99), b"\x89TXF\r\n\x1a\n", b"\x89TXF\r\r\n\x1a\n" + bytes(50)])
-def test_decoder_refuses_what_is_no_stream(data):
-    with pytest.raises(StreamError) as caught:
-        decode(data)
-    assert caught.value.code in ("TXF-S01", "TXF-S02", "TXF-S03", "TXF-S07") and caught.value.exit_code == 3
-
-
 def test_unknown_ancillary_units_are_skipped_and_named_and_critical_ones_refused():
     data = small()
     first = read_units(data)[0][0].stop
@@ -80,7 +61,7 @@ def test_unknown_ancillary_units_are_skipped_and_named_and_critical_ones_refused
     assert [s["type"] for s in texf.skipped] == [250, 199] and len(report.warnings) == 2 and "250" in report.warnings[0]
     assert [(f.keys.tolist(), f.rgba.tolist()) for f in texf.fields] == fields_of(data)
     with pytest.raises(SupportError) as caught:
-        decode(data[:-6] + write_unit(77, b"") + END)
+        decode(data[:-6] + write_unit(127, b"") + END)
     assert caught.value.code == "TXF-U01" and caught.value.exit_code == 5
 
 
@@ -89,15 +70,6 @@ def test_metadata_that_are_no_json_object_are_passed_over_with_a_warning():
         report = Report()
         data = repacked(small("sheets"), lambda t, p, raw=raw: raw if t == UNIT_METADATA else p)
         assert decode(data, report=report).metadata == {} and any("metadata" in w for w in report.warnings)
-
-
-def test_another_version_is_refused():
-    def change(t, p):
-        return bytes([2]) + p[1:] if t == UNIT_HEADER else p
-
-    with pytest.raises(SupportError) as caught:
-        decode(repacked(small(), change))
-    assert caught.value.code == "TXF-U04" and "version" in caught.value.message
 
 
 # Payloads under a right checksum
@@ -111,28 +83,6 @@ def test_a_draco_substream_without_points_is_refused():
         return payload
 
     assert outcome(repacked(small("sheets"), change)) == "TXF-S20"
-
-
-@pytest.mark.parametrize("kind", ["sphere", "sheets", "texels"])
-@settings(deadline=None, max_examples=250)
-@given(data=st.data())
-def test_bent_payloads_with_right_checksums_end_in_a_result_or_a_coded_error(kind, data):
-    whole = small(kind)
-    target = data.draw(st.integers(0, len(read_units(whole)[0]) - 1))
-    seen = iter(range(99))
-
-    def change(_, payload):
-        if next(seen) == target and payload:
-            for _ in range(data.draw(st.integers(1, 3))):
-                place = data.draw(st.integers(0, len(payload) - 1))
-                flipped = payload[place] ^ 1 << data.draw(st.integers(0, 7))
-                payload[place] = data.draw(st.one_of(st.just(flipped), st.integers(0, 255), st.sampled_from([0, 127, 128, 255])))
-            if data.draw(st.integers(0, 3)) == 0:
-                del payload[data.draw(st.integers(0, len(payload))) :]
-        return payload
-
-    code = outcome(repacked(whole, change))
-    assert code == "decoded" or code.startswith("TXF-")
 
 
 def attribute_data():
@@ -174,54 +124,6 @@ def lie(where, index=0, **values):
     return lambda s: (s.header if where == "header" else getattr(s, where)[index]).update(values)
 
 
-def both(*changes):
-    return lambda s: [c(s) for c in changes]
-
-
-BIG = 1 << 40
-
-
-@pytest.mark.parametrize("change,code", [
-    (lie("geometry", unit_vertices=BIG), "TXF-L02"),
-    (lie("geometry", unit_faces=BIG), "TXF-L03"),
-    (lie("geometry", unit_faces=1 << 20), "TXF-S21"),
-    (lie("geometry", unit_vertices=3), "TXF-S21"),
-    (lie("fields", num_keys=1 << 28), "TXF-L04"),
-    (lie("fields", num_keys=1 << 25), "TXF-S30"),
-    (lie("fields", keys_crc=0), "TXF-S30"),
-    (lie("fields", area_threshold=65535), "TXF-S30"),
-    (lie("fields", resolution=13), "TXF-S30"),
-    (lie("header", position_bits=8), "TXF-S23"),
-    (lie("attributes", values_crc=1), "TXF-S32"),
-    (lie("attributes", colour_transform=0), "TXF-S32"),
-    (lie("attributes", root_mean=[1 << 20] * 3), "TXF-S32"),
-    (lie("attributes", qp=[63, 63, 63]), "TXF-S32"),
-    (lie("attributes", kernel=[255] * 7), "TXF-S32"),
-])
-def test_a_count_or_parameter_that_lies_is_refused_with_its_code(change, code):
-    assert outcome(restated(change), DecodeOptions(threads=1)) == code
-
-
-@pytest.mark.parametrize("change,code", [
-    (lie("fields", num_keys=1 << 28), "TXF-L04"),
-    (lie("fields", num_keys=16 * 16 + 1), "TXF-S04"),
-    (lie("fields", num_keys=9), "TXF-S30"),
-    (lie("fields", keys_crc=0), "TXF-S30"),
-    (lie("fields", width=15), "TXF-S30"),
-    (lie("fields", width=5), "TXF-S04"),
-    (lie("fields", width=16384, height=16384), "TXF-L11"),
-    (lie("fields", wrap_s=1), "TXF-S30"),
-    (lie("fields", uv_fraction_bits=0), "TXF-S30"),
-    (lie("geometry", uv_origin=[99, 0]), "TXF-S24"),
-    (lie("geometry", uv_bits=3, uv_range=7), "TXF-S20"),
-    (lie("attributes", values_crc=1), "TXF-S32"),
-    (lie("fields", support=0, resolution=20, area_threshold=0), "TXF-S20"),
-])
-def test_what_a_stream_over_texels_lies_about_is_refused_with_its_code(change, code):
-    assert read_stream(small("texels"), Limits()).geometry[0]["uv_bits"] == 0
-    assert outcome(restated(change, "texels"), DecodeOptions(threads=1)) == code
-
-
 @pytest.mark.parametrize("limits,code", [(Limits(samples=30), "TXF-L05"), (Limits(voxels=90), "TXF-L04"),
                                          (Limits(texels=255), "TXF-L11")])
 def test_a_field_over_texels_meets_the_limits(limits, code):
@@ -247,33 +149,6 @@ def test_a_resolution_that_lies_meets_the_limits(limits, code):
     assert outcome(restated(change), DecodeOptions(limits=limits, threads=1)) == code
 
 
-def test_slices_that_lie_are_refused():
-    def change(stream):
-        unit = stream.attributes[0]
-        unit.update(slice_level=2, num_slices=2, slice_step=[1 << 50], level_index=0, codewords=[
-            {"codeword_length": len(unit["codeword_data"]), "level_bytes": []}, *[{"codeword_length": 0, "level_bytes": []}] * 2])
-
-    assert outcome(restated(change)) == "TXF-S12"
-
-
-def test_a_transform_of_three_components_on_one_is_refused():
-    def change(stream):
-        stream.header["channel_groups"] = [{"num_semantics": 1, "group_semantics": [1], "group_components": 1}]
-        stream.attributes[0].update(qp=[20], root_mean=[0], colour_transform=1)
-
-    assert outcome(restated(change)) == "TXF-S04"
-
-
-@pytest.mark.parametrize("semantic,components", [(0, 2), (1, 2), (1, 3), (20, 1)])
-def test_groups_with_another_number_of_components_are_unsupported(semantic, components):
-    """Whatever the values: a decoder of this version has no use for them."""
-    def change(stream):
-        stream.header["channel_groups"] = [{"num_semantics": 1, "group_semantics": [semantic], "group_components": components}]
-        stream.attributes[0].update(qp=[20] * components, root_mean=[0] * components, colour_transform=0)
-
-    assert outcome(restated(change)) in ("TXF-U03", "TXF-S32")
-
-
 # Draco that lies
 
 
@@ -284,16 +159,6 @@ def with_draco(data, vertices=None, faces=None):
         unit["unit_vertices"], unit["unit_faces"] = vertices or unit["unit_vertices"], faces or unit["unit_faces"]
 
     return restated(change)
-
-
-def test_another_mesh_in_the_draco_substream_is_refused():
-    positions, faces = sphere(3)
-    other = np.rint((positions[:, ::-1] * [1, 0.5, 1] + 1) * 8191).astype(np.int64)
-    assert outcome(with_draco(enc_geometry(other, faces, 14), len(other), len(faces))) == "TXF-S24"
-    positions, faces = sphere(9)
-    more = enc_geometry(np.rint((positions + 1) * 8191).astype(np.int64), faces, 14)
-    assert outcome(with_draco(more)) == "TXF-S21"
-    assert outcome(with_draco(more, len(positions), len(faces))) == "TXF-S24"
 
 
 def test_bytes_after_the_end_of_the_draco_mesh_are_ignored():

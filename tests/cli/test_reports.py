@@ -26,8 +26,7 @@ PLAIN = {
     "texfcodec/io/gltf/reader.py": "the length of metadata alone",
     "texfcodec/demo/asset.py": "the glTF of the demo asset",
     "texfcodec/sandbox/limited_process.py": "the request to a child process",
-    "texfcodec/sandbox/isolate.py": "a child's answer, whose arrays and figures its parent checks",
-    "texfcodec/codecs/plugins.py": "what a plug-in answers is refused where it is no JSON",
+    "texfcodec/sandbox/isolate.py": "a child's answer, which its parent checks",
 }
 
 

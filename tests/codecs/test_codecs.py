@@ -13,10 +13,7 @@ from shapes import crossing_sheets, square
 
 import texfcodec
 from texfcodec import DecodeOptions, EncodeOptions, InputError, Limits, SupportError, codecs, decode, encode, inspect
-from texfcodec.bitstream.inspect import _groups
-from texfcodec.bitstream.stream import Stream, attribute_variables, read_stream
-from texfcodec.bitstream.syntax import ATTRIBUTE
-from texfcodec.codecs import plugins
+from texfcodec.bitstream.stream import read_stream
 
 # The registry
 
@@ -54,16 +51,6 @@ def test_settings_of_a_plug_in_have_no_part_in_our_codecs():
     with pytest.raises(InputError) as raised:
         EncodeOptions(codec_options={"pack": True})
     assert raised.value.code == "TXF-I50" and raised.value.details["value"] == "pack"
-
-
-def test_names_that_a_stranger_may_not_take_are_those_that_stand_beside_its_own():
-    stream = Stream({"channel_groups": [{"group_components": 3, "group_semantics": [0]}]},
-                    fields=[{"support": 0, "resolution": 4}])
-    values = {"field_index": 0, "group_index": 0, "level_shift": 0, "codec_id": 2, "plane_value": [1, 2, 3]}
-    there = {element.name for element in ATTRIBUTE.elements} | attribute_variables(stream, values).keys() | {"offset"}
-    assert there == plugins.UNIT
-    stream.attributes = [values]
-    assert _groups(stream, [9])[0].keys() - {"qp", "codeword_bytes", "slice_level", "level_bytes", "value"} == plugins.INSPECTED
 
 
 # A sound plug-in

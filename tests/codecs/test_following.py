@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from test_planar import coded_image, decoded_image, naive_unit, sliced
 
-from naive import following
-from naive.attributes import decode_values
+from conformance.reference import following
+from conformance.reference.attributes import decode_values
 from texfcodec.codecs.raht import tool_choice
 from texfcodec.codecs.raht.attribute_coder import CodedAttributes, Tools, dec_attributes
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour

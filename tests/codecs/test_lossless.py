@@ -9,7 +9,7 @@ import pytest
 import shapes
 from interrupts import TETRAHEDRON
 
-from naive.decoder import decode as naive_decode
+from conformance.reference.decoder import decode as naive_decode
 from texfcodec import EncodeOptions, decode
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.codecs.raht import attribute_coder

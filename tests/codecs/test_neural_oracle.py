@@ -11,14 +11,22 @@ import numpy as np
 import pytest
 from shapes import painted_sphere, scene_of, square
 
-from naive.attributes import de_interleave
-from naive.bits import Invalid, Reader, units_of
-from naive.decoder import decode as naive_decode
-from naive.decoder import decode_geometry, triangles_of_field
-from naive.neural import Neural, centre, hard_gelu, latent_keys, position_of, resident_row, transported_rows
-from naive.syntax import read_neural
-from naive.syntax import read_stream as naive_stream
-from naive.voxels import active_voxels
+from conformance.reference.attributes import de_interleave
+from conformance.reference.bits import Invalid, Reader, units_of
+from conformance.reference.decoder import decode as naive_decode
+from conformance.reference.decoder import decode_geometry, triangles_of_field
+from conformance.reference.neural import (
+    Neural,
+    centre,
+    hard_gelu,
+    latent_keys,
+    position_of,
+    resident_row,
+    transported_rows,
+)
+from conformance.reference.syntax import read_neural
+from conformance.reference.syntax import read_stream as naive_stream
+from conformance.reference.voxels import active_voxels
 from texfcodec import DecodeOptions, EncodeOptions, Limits, StreamError, decode
 from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.codecs.neural import design

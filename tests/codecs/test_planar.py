@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from naive.attributes import decode_values
+from conformance.reference.attributes import decode_values
 from texfcodec.codecs.raht import attribute_coder, tool_choice
 from texfcodec.codecs.raht.attribute_coder import CodedAttributes, Tools, dec_attributes, enc_attributes
 from texfcodec.codecs.raht.coefficients.dct_blocks import jpeg_likeness
@@ -63,7 +63,7 @@ def decoded_image(keys, depth, coded, stop=None, threads=1):
 
 
 def naive_unit(coded: CodedAttributes, depth):
-    """The unit as tests/naive reads it."""
+    """The unit as the reference decoder reads it."""
     stages = [{"mask": s.mask, "coefficients": taps_of(s)} for s in coded.filters]
     names = ("qp", "kernel", "colour_range", "slice_level", "slice_first", "codewords", "residual", "residual_cross",
              "planar", "planar_transform", "component_cross", "dct_blocks")

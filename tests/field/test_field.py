@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapes import scene_of, sphere
+from shapes import painted_sphere, scene_of, sphere
 
-from naive import oracles
+from oracles import kernels as oracles
+from texfcodec import EncodeOptions, InputError, decode
 from texfcodec.core.integer import _isqrt, _ones
 from texfcodec.encoder.decide.contacts import (
     colour_pieces,
@@ -17,12 +18,13 @@ from texfcodec.encoder.decide.contacts import (
     find_contacts,
     folding_components,
 )
+from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import LimitError
 from texfcodec.field import transfer as transfer_room
 from texfcodec.field import voxelise as voxelise_room
 from texfcodec.field.grid import _rank, build_brick_map
 from texfcodec.field.morton import _morton_key, decode_morton, encode_morton
-from texfcodec.field.query import query_field
+from texfcodec.field.query import nearest_of_all, query_field
 from texfcodec.field.surface_walk import _double_area, grid_coordinates
 from texfcodec.field.transfer import transfer
 from texfcodec.field.voxelise import count_samples, voxelise
@@ -219,7 +221,7 @@ def test_count_samples_is_an_upper_bound_and_at_most_a_third_over(resolution, re
     lattice, faces = soup(np.random.default_rng(9), 14, 6, reach)
     taken = 0
     for t in grid_coordinates(lattice, 14, resolution)[faces].tolist():
-        *_, columns, rows, _ = oracles._frame([tuple(p) for p in t])
+        *_, columns, rows, _ = oracles.frame(*sorted(map(tuple, t)))
         taken += sum(max(1, -(-columns * (2 * rows - 2 * j - (columns <= 4 * rows)) // (2 * rows))) for j in range(rows))
     assert taken <= count_samples(lattice, faces, 14, resolution) <= 2 * taken
 
@@ -232,7 +234,7 @@ def test_the_brick_map_knows_what_a_dict_knows(side, count):
     rng = np.random.default_rng(side)
     xyz = np.unique(rng.integers(0, side, (count, 3)), axis=0)
     keys = np.sort(encode_morton(xyz))
-    known, arrays = oracles.ranks_of(keys.tolist()), build_brick_map(keys).arrays
+    known, arrays = {key: i for i, key in enumerate(keys.tolist())}, build_brick_map(keys).arrays
     asked = np.concatenate([keys, keys ^ 1, keys ^ (1 << 9), encode_morton(rng.integers(0, side, (500, 3)))])
     assert [_rank(int(k), *arrays) for k in asked] == [known.get(int(k), -1) for k in asked]
 
@@ -302,6 +304,39 @@ def test_query_does_not_depend_on_threads_or_blocks():
     one, many = (query_field(points, 40, keys, brick_map, values, t)[0] for t in (1, 3))
     np.testing.assert_array_equal(one, many)
     np.testing.assert_array_equal(query_field(points[-100:], 40, keys, brick_map, values)[0], one[-100:])
+
+
+def test_questions_that_have_no_answer_are_refused():
+    texf = decode(encode_scene(painted_sphere(4), EncodeOptions(resolution=8, qp=40, threads=1)).data)
+    points = texf.positions[:3]
+    for wrong in ("here", [[1, 2]], [1, 2, 3, 4], object()):
+        with pytest.raises(InputError, match="TXF-I72"):
+            texf.query(wrong)
+    for faces in ([0, 1], [0.0, 1.0, 2.0], [0, 1, len(texf.faces)], [0, 1, -1]):
+        with pytest.raises(InputError, match="TXF-I72"):
+            texf.query(points, faces)
+    for value in (np.nan, np.inf, -np.inf):
+        with pytest.raises(InputError, match="TXF-I71") as refused:
+            texf.query([[0, 0, 0], [0, 0, value]])
+        assert refused.value.details["value"] == 1
+    assert texf.query(np.zeros((0, 3))).shape == (0, 4) and texf.query(points, [0, 1, 2]).shape == (3, 4)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_nearest_voxel_of_all_is_the_nearest(seed):
+    random = np.random.default_rng(seed)
+    resolution, count = int(random.choice([1, 2, 7, 64, 1000, 8192])), int(random.choice([1, 5, 400]))
+    keys = np.unique(encode_morton(random.integers(0, resolution, (count, 3))))
+    points = np.concatenate([random.uniform(-0.2, 1.2, (60, 3)) * resolution, random.choice([-1e6, 0.0, 3.5, 1e6], (20, 3)),
+                             random.integers(0, resolution + 1, (20, 3))])
+    square = ((points[:, None] - (decode_morton(keys) + 0.5)) ** 2).sum(axis=2)
+    found = nearest_of_all(points, resolution, keys)
+    assert np.allclose(square[np.arange(len(points)), found], square.min(axis=1), rtol=1e-13)
+
+
+def test_of_voxels_equally_near_the_first_answers():
+    keys = np.unique(encode_morton(np.array([[0, 0, 0], [20, 0, 0], [0, 20, 0]])))
+    assert nearest_of_all(np.array([[20.5, 20.5, 0.5], [10.5, 10.5, 0.5]]), 32, keys).tolist() == [1, 0]
 
 
 # Transfer

@@ -10,9 +10,13 @@ from fuzz.choices import Choices, edited
 from fuzz.seeds import SMALL, vectors, vectors_with
 from fuzz.syntax import bent_stream, framed, traced
 from fuzz.trees import bend_tree
+from texfcodec.bitstream.appearance import check_groups, check_material, groups_of, material_of
 from texfcodec.bitstream.inspect import inspect
 from texfcodec.bitstream.stream import Stream, read_stream, write_stream
 from texfcodec.bitstream.syntax import (
+    CHANNEL_GROUP,
+    MATERIAL,
+    MAX_GROUPS,
     SIGNATURE,
     UNIT_ATTRIBUTE,
     UNIT_CODED_NORMALS,
@@ -26,12 +30,13 @@ from texfcodec.bitstream.syntax import (
     VERSION,
 )
 from texfcodec.bitstream.units import read_units, write_unit
+from texfcodec.core.syntax_table import Element, Structure
 from texfcodec.core.syntax_walk import Reader, read_structure, write_structure, write_v
 from texfcodec.decoder import decode_stream
-from texfcodec.errors import StreamError
 from texfcodec.options import DecodeOptions
 from texfcodec.report import Report
 from texfcodec.sandbox import isolate
+from texfcodec.sandbox.answer import texf_of
 
 OPTIONS = DecodeOptions(limits=SMALL, threads=1)
 OF_UNITS = (UNIT_HEADER, UNIT_MATERIALS, UNIT_FIELD, UNIT_GEOMETRY, UNIT_ATTRIBUTE, UNIT_END, UNIT_METADATA, UNIT_SHARP_EDGES,
@@ -176,28 +181,23 @@ def described(data: bytes) -> None:
 
 @lru_cache(maxsize=8)
 def _answers():
-    """(facts, arrays) of the child for some streams: voxels, texels, marks, a joint codec."""
+    """(stream, facts, arrays) of the child for some streams: voxels, texels, marks, a joint codec."""
     chosen = [*vectors()[1:9:3], *vectors_with("3dntc")[:1], *vectors_with(marks=True)[:1]]
-    report = Report()
-    return [isolate._answer(decode_stream(data, DecodeOptions(threads=1), report), report) for data in chosen]
+    return [(read_stream(data, SMALL), *isolate.packed_answer(decode_stream(data, DecodeOptions(threads=1), Report())))
+            for data in chosen]
 
 
 def answer(data: bytes) -> None:
     """What the parent makes of a child's answer, which somebody may have taken over: a sound asset or TXF-S40."""
     choices = Choices(data)
-    facts, arrays = choices.pick(_answers())
-    facts, arrays = json.loads(json.dumps(facts)), dict(arrays)
+    stream, facts, arrays = choices.pick(_answers())
+    arrays = dict(arrays)
     for _ in range(choices.whole(0, 2)):
-        if choices.flag():
-            facts = bend_tree(facts, choices)
-        else:
-            name = choices.pick(sorted(arrays))
-            arrays[name] = _odd_array(arrays[name], choices)
-            if choices.flag(8):
-                del arrays[name]
-    if not isinstance(facts, dict):
-        return
-    texf = isolate._texf(facts, arrays, 1, SMALL)
+        name = choices.pick(sorted(arrays))
+        arrays[name] = _odd_array(arrays[name], choices)
+        if choices.flag(8):
+            del arrays[name]
+    texf = texf_of(stream, isolate.ChildAnswer(arrays), DecodeOptions(threads=1), Report(), (facts, arrays))
     if texf.fields and len(texf.faces):
         texf.query(texf.positions[:3], np.zeros(len(texf.positions[:3]), np.int64))
     assert texf.face_material.max(initial=-1) < len(texf.materials)
@@ -218,20 +218,26 @@ def _odd_array(array: np.ndarray, choices: Choices) -> np.ndarray:
     return array.reshape(-1) if kind == 4 else np.concatenate([array, array])
 
 
+APPEARANCE = Structure("appearance", "5.4", (  # channel groups and materials, as a stream has them in two units
+    Element("num_channel_groups", "u8", 1, MAX_GROUPS), Element("channel_groups", CHANNEL_GROUP, count="num_channel_groups"),
+    Element("num_materials", "v", 0, 65536), Element("materials", MATERIAL, count="num_materials"),
+))
+
+
 def appearance(data: bytes) -> None:
-    """Channel groups and materials of a child's answer, in their own little syntax."""
+    """Channel groups and materials, in their own little syntax."""
     from fuzz.syntax import bend, draw
 
     choices = Choices(data)
     given = {"num_channel_groups": lambda *_: choices.whole(1, 3), "num_materials": lambda *_: choices.whole(0, 3),
              "name_length": lambda *_: choices.whole(0, 3)}
-    payload = write_structure(isolate.APPEARANCE, draw(isolate.APPEARANCE, choices, {}, given))
+    payload = write_structure(APPEARANCE, draw(APPEARANCE, choices, {}, given))
     rows: list = []
-    read_structure(isolate.APPEARANCE, Reader(payload, 0, len(payload)), {}, rows)
+    read_structure(APPEARANCE, Reader(payload, 0, len(payload)), {}, rows)
     bent = bend(payload, rows, choices) if choices.flag() else payload
-    try:
-        isolate._appearance(np.frombuffer(bent, np.uint8))
-    except ValueError as error:
-        if "appearance" not in str(error):
-            raise
-        raise StreamError("TXF-S40", "the appearance is longer than it says") from error
+    values = read_structure(APPEARANCE, Reader(bent, 0, len(bent)), {})
+    check_groups(values["channel_groups"])
+    for material in values["materials"]:
+        check_material(material)
+    groups_of(values["channel_groups"])
+    assert len([material_of(material) for material in values["materials"]]) == values["num_materials"]

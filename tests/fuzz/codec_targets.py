@@ -4,12 +4,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from conformance.reference import bits
+from conformance.reference.attributes import decode_values
+from conformance.reference.syntax import read_raht
 from fuzz.choices import Choices
 from fuzz.seeds import SLOW, SMALL
 from fuzz.syntax import bend, draw
-from naive import bits
-from naive.attributes import decode_values
-from naive.syntax import read_raht
 from texfcodec.codecs.base import Group
 from texfcodec.codecs.coded_normals import dec_residuals, enc_residuals
 from texfcodec.codecs.constant import CONSTANT, Constant

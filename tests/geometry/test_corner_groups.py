@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from naive import normals as naive
+from conformance.reference import normals as naive
 from texfcodec.codecs.coded_normals import dec_residuals, enc_residuals
 from texfcodec.geometry.corner_groups import ONE, groups_of
 from texfcodec.geometry.edges import reduced, shared_edges, weld

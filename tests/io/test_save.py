@@ -105,6 +105,16 @@ def test_vertex_colours_are_linear_and_split_where_fields_meet(tmp_path):
     assert (colour[index][1::2, :, 0] == pytest.approx(0.5029 * 65535, rel=1e-3)) and (colour[index][0::2] == 0).all()
 
 
+@pytest.mark.parametrize("suffix", SAVED_SUFFIXES)
+def test_arrays_of_all_units_are_joined_once_and_saving_leaves_them_as_they_are(tmp_path, suffix):
+    texf = decode(Path(__file__).parents[2] / "conformance/uncommon/texels_mixed/in.texf")
+    names = ("lattice_positions", "positions", "faces", "uv", "face_material", "face_field")
+    before = {name: getattr(texf, name).copy() for name in names}
+    save(texf, tmp_path / f"a{suffix}")
+    assert len(texf.units) == 3 and all(getattr(texf, name) is getattr(texf, name) for name in names)
+    assert all(np.array_equal(getattr(texf, name), before[name]) for name in names)
+
+
 def test_linear_colours_agree_between_bytes_and_floats():
     rgba = np.arange(256, dtype=np.uint8).repeat(4).reshape(-1, 4)
     assert np.array_equal(linear_u16(rgba), linear_u16(rgba.astype(np.float32)))

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from naive.ssim import ssim_mean
+from oracles.ssim import ssim_mean
 from texfcodec.metrics.ssim import RADIUS, ssim, ssim_gradient, ssim_map
 
 # SSIM

@@ -22,9 +22,8 @@ def empty():
 def test_every_change_of_a_module_is_numbered_and_another_text():
     for module in mutants.MODULES:
         found = mutants_of(module)
-        assert len({m.number for m in found}) == len(found) > 50 and all(m.before != m.after for m in found)
-    others = {"__init__", "oracles", "raster", "shading", "ssim"}  # no parts of the decoder
-    assert {path.stem for path in mutants.NAIVE.glob("*.py")} - others == set(mutants.MODULES)
+        assert len({m.number for m in found}) == len(found) > 40 and all(m.before != m.after for m in found)
+    assert {path.stem for path in mutants.NAIVE.glob("*.py")} == set(mutants.MODULES)
 
 
 def test_a_vector_tells_what_it_calls_and_kills_what_it_sees(empty):
@@ -55,7 +54,8 @@ def test_the_page_counts_and_names_survivors_and_clauses():
     first, second, third, *_ = [m for m in mutants_of("filter") if m.function == "filter_stage"]
     text = page_of({first: "subset/a", second: None, third: None}, {third.name: "it means the same"})
     assert "3 mutants, 2 killed or equivalent (66.7%), 1 survivors." in text
-    assert f"| tests/naive/filter.py:{second.line} | filter_stage | 7.7 | `{second.before}` -> `{second.after}` |" in text
+    place = f"conformance/reference/filter.py:{second.line}"
+    assert f"| {place} | filter_stage | 7.7 | `{second.before}` -> `{second.after}` |" in text
     assert "it means the same" in text and "| 7.7 | 1 | subset/a 1 |" in text
     assert "A sample of two." in page_of({first: "subset/a", second: None}, {}, "A sample of two.")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from naive import shading as naive
+from oracles import shading as naive
 from texfcodec.render.environment import DAYLIGHT, Environment, furnace, ggx_lobe
 from texfcodec.render.lobes import LEAST, MIN_CHARLIE, charlie_integral, ggx_integral
 from texfcodec.render.look_up import look_up

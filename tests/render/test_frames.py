@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from naive import shading as naive
+from oracles import shading as naive
 from texfcodec.render.tangent_frames import (
     deviated_normals,
     interpolate_corners,

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from shapes import painted_sphere, scene_of, square
 
-from naive import raster as naive
+from oracles import raster as naive
 from texfcodec.api import decode
 from texfcodec.encoder.pipeline import encode_scene
 from texfcodec.errors import InputError

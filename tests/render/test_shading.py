@@ -7,7 +7,7 @@ import pytest
 from lit import COUNT, directions, lit, table_of
 from numpy.testing import assert_allclose
 
-from naive import shading as naive
+from oracles import shading as naive
 from texfcodec.render.environment import DAYLIGHT, Environment, Light, furnace
 from texfcodec.render.lobes import ggx_lights, ggx_lights_stretched
 from texfcodec.render.material import expose, shade

@@ -16,7 +16,6 @@ from texfcodec.sandbox.limited_process import (
     FACTS,
     FACTS_BYTES,
     LEAST_BYTES,
-    NO_CAP,
     cap_memory,
     is_memory,
     read_facts,
@@ -80,7 +79,7 @@ def test_a_child_says_what_went_wrong_in_it(monkeypatch, tmp_path):
     monkeypatch.setattr("texfcodec.sandbox.limited_process.cap_memory", lambda size: False)
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=stream))
     isolate._child(tmp_path, dict(request))
-    assert read_facts(tmp_path)["warnings"] == [NO_CAP]
+    assert read_facts(tmp_path)["capped"] is False
 
     def fails(error):
         def decode_stream(*_):

@@ -47,13 +47,23 @@ def _plugins() -> dict:
 
 @lru_cache(maxsize=64)
 def _plugin(name: str) -> Codec:
-    from .plugins import load_plugin
-
+    """The codec behind an entry point. Its class and id are checked; what it does later raises its own exceptions."""
     points = _plugins()[name]
     if len(points) > 1:
         raise SupportError("TXF-U08", f"several plug-ins register a codec named {name!r}",
                            value=", ".join(sorted(point.value for point in points)))
-    return load_plugin(points[0], {id: other for other, (id, *_) in OURS.items()})
+    try:
+        codec = points[0].load()()
+    except (Exception, SystemExit) as error:
+        raise SupportError("TXF-U08", f"the codec {name!r} of a plug-in cannot be loaded from {points[0].value}",
+                           reason=f"{type(error).__name__}: {error}"[:300]) from error
+    if not isinstance(codec, (PlaneCodec, JointCodec)) or getattr(codec, "name", None) != name:
+        raise SupportError("TXF-U08", f"the plug-in {points[0].value} does not provide a codec named {name!r}")
+    number = getattr(codec, "id", None)
+    if type(number) is not int or number not in PRIVATE_IDS:
+        raise SupportError("TXF-U08", f"the codec {name!r} of a plug-in claims an id outside the private range",
+                           value=repr(number)[:80], allowed=f"{PRIVATE_IDS[0]}..{PRIVATE_IDS[-1]}")
+    return codec
 
 
 def our_codecs() -> list[Codec]:

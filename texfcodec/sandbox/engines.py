@@ -21,16 +21,27 @@ ENTRIES = ("field/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual
 
 
 def decode_by_engine(data: bytes, options: DecodeOptions, report: Report) -> Texf:
-    """decode() of api.py, its options complete. Raises what the engines raise, and TXF-U10 where the sandbox was asked for and
-    cannot."""
-    if options.engine == "wasm" or takes_sandbox(options):
-        texf = _decode_in_sandbox(data, options, report)
-        if texf is not None:
-            return texf
-    if options.isolate:
-        from .isolate import decode_isolated
+    """decode() of api.py, its options complete. Raises what the engines raise, and TXF-U10 where the sandbox was requested and
+    cannot decode the stream."""
+    requested, sandboxed = options.engine == "wasm", takes_sandbox(options)
+    if requested and not sandboxed:
+        raise SupportError("TXF-U10", "the sandbox requires wasmtime, which is not installed: run pip install wasmtime")
+    if sandboxed or options.isolate:
+        from ..bitstream.stream import read_stream
+        from .wasm import can_decode
 
-        return decode_isolated(data, options, report)
+        with report.stage("parse"):
+            stream = read_stream(bytes(data), options.limits)
+        if sandboxed and can_decode(stream):
+            texf = _decode_in_sandbox(data, stream, options, report)
+            if texf is not None:
+                return texf
+        elif requested:
+            raise SupportError("TXF-U10", "the sandbox does not support the codec of this stream; omit --engine")
+        if options.isolate:
+            from .isolate import decode_isolated
+
+            return decode_isolated(bytes(data), stream, options, report)
     from ..decoder import decode_stream
 
     return decode_stream(data, options, report)
@@ -43,26 +54,16 @@ def takes_sandbox(options: DecodeOptions) -> bool:
     return is_here() and (options.engine == "wasm" or (options.engine == "auto" and (options.isolate or not kernels_compiled())))
 
 
-def _decode_in_sandbox(data, options, report):
-    """The Texf; None where auto leaves the stream to another engine."""
-    from ..bitstream.stream import read_stream
-    from .wasm import can_decode, decode_in_wasm, is_here
+def _decode_in_sandbox(data, stream, options, report):
+    """The Texf; None where auto leaves a stream that needs too much memory to another engine."""
+    from .wasm import decode_in_wasm
 
-    asked = options.engine == "wasm"
-    if asked and not is_here():
-        raise SupportError("TXF-U10", "the sandbox requires wasmtime, which is not installed: run pip install wasmtime")
-    with report.stage("parse"):
-        stream = read_stream(bytes(data), options.limits)
-    if not can_decode(stream):
-        if asked:
-            raise SupportError("TXF-U10", "the sandbox does not support the codec of this stream; omit --engine")
-        return None
     try:
         return decode_in_wasm(bytes(data), stream, options, report)
     except LimitError as error:
-        if asked or options.isolate or error.code != "TXF-L07":
+        if options.engine == "wasm" or options.isolate or error.code != "TXF-L07":
             raise
-        return None  # more than the 4 GiB that a module has at most, and nobody asked for a cap
+        return None  # more than the 4 GiB that a module has at most, and no cap was requested
 
 
 def kernels_compiled(entries: tuple[str, ...] = ENTRIES) -> bool:

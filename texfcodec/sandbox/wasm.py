@@ -1,7 +1,6 @@
 """Decoding in a WebAssembly sandbox: the C++ decoder of native/, with capped memory and time, no child and no kernels to compile.
 
-This process reads clauses 4 and 5 itself, in Python alone; Draco, supports and values (steps 6 and 7 of 9.2) are the sandbox's.
-What it answers is checked as what a child answers is.
+Draco, supports and values (steps 6 and 7 of 9.2) are the sandbox's; answer.py checks what comes back.
 """
 
 from __future__ import annotations
@@ -17,14 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bitstream.syntax import SUPPORT_TEXELS
-from ..decoder import add_planes, appearance_of
-from ..errors import LimitError, StreamError, TexfError
-from ..field.texels import TexelSupport
-from ..field.voxels import VoxelSupport
-from ..geometry.geometry_unit import GeometryUnit
-from ..texf import Field
-from .isolate import answer_is_sound
+from ..errors import LimitError, StreamError, SupportError
+from ..findings import BY_CODE
+from .answer import texf_of
 
 if TYPE_CHECKING:
     from ..bitstream.stream import Stream
@@ -34,19 +28,10 @@ if TYPE_CHECKING:
     from ..texf import Texf
 
 MODULE = Path(__file__).with_name("texf.wasm")
-POSITIONS, UVS, FACES, KEYS, VALUES, SHARP_EDGES, CODED_NORMALS = 2, 3, 4, 6, 7, 8, 9  # texf_array_kind of native/texf.h
-LIMIT = 6  # the code of a refusal
+REFUSAL = struct.Struct("<iiQQ232s")  # texf_refusal of native/texf.h
+FAMILIES = {3: ("S", StreamError), 4: ("C", StreamError), 5: ("U", SupportError), 6: ("L", LimitError)}  # by exit code
 KNOWN = (0, 2)  # codec_id of those that it has
 LIMITS = ("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes")
-# How the sandbox's sentences begin, and the findings that say the same.
-_FINDINGS = {
-    "draco_data does not decode": "TXF-S22", "draco_data does not begin": "TXF-S20", "draco_data has a traversal": "TXF-S20",
-    "the attributes of draco_data": "TXF-S20",
-    "draco_data names": "TXF-S21", "draco_data decodes to": "TXF-S21", "draco_data has a": "TXF-S23", "a position": "TXF-S23",
-    "a UV": "TXF-S23", "geometry_crc": "TXF-S24", "num_": "TXF-S30", "keys_crc": "TXF-S30", "a slice begins": "TXF-S12",
-    "values_crc": "TXF-S32", "marks_crc": "TXF-S32", "normals_crc": "TXF-S32", "colour_transform": "TXF-S04",
-    "samples": "TXF-L05", "touched voxels": "TXF-L04",
-}
 
 
 def can_decode(stream: Stream) -> bool:
@@ -69,7 +54,7 @@ def decode_in_wasm(data: bytes, stream: Stream, options: DecodeOptions, report: 
         sandbox = Sandbox(limits)
         sandbox.decode(data, options.lod)
     with report.stage("check"):
-        return _texf(stream, sandbox, options, report)
+        return texf_of(stream, sandbox, options, report)
 
 
 class Sandbox:
@@ -109,9 +94,9 @@ class Sandbox:
         self._call("decode", place, len(data), lod)
 
     def array(self, kind: int, i: int = 0, j: int = 0, dtype: str = "u1") -> np.ndarray:
-        """A copy of an array of native/texf.h, one-dimensional."""
+        """See Answer."""
         place, count = self._call("array", kind, i, j) & 0xFFFFFFFF, self._call("array_bytes") & 0xFFFFFFFF
-        return np.frombuffer(bytes(self.memory.read(self.store, place, place + count)) if place else b"", dtype)
+        return np.frombuffer(self.memory.read(self.store, place, place + count) if place else bytearray(), dtype)
 
     def _no_variables(self, *places):
         for place in places:
@@ -156,12 +141,15 @@ class Sandbox:
         if getattr(error, "trap_code", None) == wasmtime.TrapCode.INTERRUPT:
             return LimitError("TXF-L08", "decoding took longer than the limit allows", allowed=self.limits.isolate_seconds)
         self.store.set_epoch_deadline(1 << 30)  # what is left to ask takes no time
-        code, place = self.exports["refusal_code"](self.store), self.exports["refusal_sentence"](self.store)
-        if code == 0:
+        place = self.exports["refusal"](self.store)
+        number, has_value, value, allowed, said = REFUSAL.unpack(self.memory.read(self.store, place, place + REFUSAL.size))
+        letter, family = FAMILIES.get(number // 100, ("L", LimitError))
+        code = f"TXF-{letter}{number % 100:02d}"
+        if code not in BY_CODE:  # it has stopped without a refusal
             return self._no_memory()
-        said = bytes(self.memory.read(self.store, place, place + 256)).split(b"\0")[0].decode("utf-8", "replace")
-        found = next((finding for start, finding in _FINDINGS.items() if said.startswith(start)), "TXF-S40")
-        return (LimitError if code == LIMIT else StreamError)(found, said)
+        clauses, numbers = BY_CODE[code].clauses, {"value": value, "allowed": allowed} if has_value else {}
+        sentence = said.split(b"\0")[0].decode("utf-8", "replace")
+        return family(code, sentence, clause=clauses[0] if len(clauses) == 1 else None, **numbers)
 
 
 def _missing(*_):
@@ -186,45 +174,3 @@ def _compiled():
     import wasmtime
 
     return bytes(wasmtime.Module(_engine(), MODULE.read_bytes()).serialize())
-
-
-def _texf(stream, sandbox, options, report):
-    """The Texf of what the sandbox answers, every index checked."""
-    texf = appearance_of(stream, options, report)
-    try:
-        for i, values in enumerate(stream.geometry):
-            textured = values["Support"] == SUPPORT_TEXELS
-            texf.units.append(GeometryUnit(
-                values["field_index"], values["material_index"],
-                sandbox.array(POSITIONS, i, dtype="<u4").astype(np.int64).reshape(-1, 3),
-                sandbox.array(FACES, i, dtype="<u4").astype(np.int64).reshape(-1, 3),
-                sandbox.array(UVS, i, dtype="<i4").astype(np.int64).reshape(-1, 2) if textured else None))
-        for i, values in enumerate(stream.fields):
-            keys = sandbox.array(KEYS, i, dtype="<i8").copy()
-            texf.fields.append(Field(_support(values, keys, options.lod), {}))
-        for values in stream.attributes:
-            group = texf.groups[values["group_index"]]
-            plane = sandbox.array(VALUES, values["field_index"], values["group_index"]).reshape(-1, group.components).copy()
-            add_planes(texf.fields[values["field_index"]], group, values, plane)
-        if stream.sharp_edges:
-            texf.sharp_edges = sandbox.array(SHARP_EDGES).astype(bool)
-        if stream.coded_normals:
-            texf.coded_normals = sandbox.array(CODED_NORMALS, dtype="<i2").astype(np.int16).reshape(-1, 3)
-        sound = answer_is_sound(texf, options.limits)
-    except TexfError:
-        raise
-    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-        raise StreamError("TXF-S40", "the decoder returned an invalid result", reason=type(error).__name__) from error
-    if not sound:
-        raise StreamError("TXF-S40", "the decoder returned an index out of range")
-    return texf
-
-
-def _support(values, keys, lod):
-    """The support at a level of detail whose keys these are. values: of the field unit."""
-    if values["support"] == SUPPORT_TEXELS:
-        whole = TexelSupport(keys=keys, width=values["width"], height=values["height"], wrap=(values["wrap_s"], values["wrap_t"]),
-                             fraction_bits=values["uv_fraction_bits"])
-        return replace(whole, level_shift=min(lod, whole.depth))
-    support = VoxelSupport(values["resolution"], keys)
-    return replace(support, level_shift=min(lod, support.depth))

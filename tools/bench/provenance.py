@@ -7,7 +7,8 @@ from pathlib import Path
 from texfcodec.options import default_threads
 from tools.bench.jobs import REPOSITORY
 
-SOURCES = "texfcodec", "tools/bench/*.py", "tools/proof/*.py", "tests/naive", "tests/fuzz"  # what figures depend on
+# What figures depend on
+SOURCES = "texfcodec", "tools/bench/*.py", "tools/proof/*.py", "conformance/reference", "tests/oracles", "tests/fuzz"
 
 
 def made_on(root=REPOSITORY):

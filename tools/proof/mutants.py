@@ -1,11 +1,11 @@
-"""Mutants of the naive decoder: one rule changed at a time, to see whether a conformance vector notices.
+"""Mutants of the reference decoder: one rule changed at a time, to see whether a conformance vector notices.
 
 python tools/proof/mutants.py [--module NAME ...] [--only PART ...] [--every N | --sample N [--seed S]] [--jobs N] [--seconds S]
                         [--state FILE.jsonl] [--page docs/reports/mutants.md]
 
-A mutant has one operator, comparison, constant or condition of tests/naive changed. It is *killed* when a vector of conformance/
-is decoded to something else, refused otherwise, answers a query wrong, or takes too long. A *survivor* is a rule that no vector
-holds, or a change that means the same: tests/naive/equivalents.json says of which mutants this was shown, and why. --only takes
+A mutant has one operator, comparison, constant or condition of conformance/reference changed. It is *killed* when a vector is
+decoded to something else, refused otherwise, answers a query wrong, or takes too long. A *survivor* is a rule that no vector
+holds, or a change that means the same: equivalents.json there says of which mutants this was shown, and why. --only takes
 functions (split, neural.waves) and clauses (7.6, with all below). --state keeps what was found, so that a run goes on where it
 was stopped, with what vectors call beside it (FILE.cases.json). Exit code 7: there are survivors that are not said to be
 equivalent.
@@ -132,7 +132,7 @@ class _Changer(ast.NodeTransformer):
 
 
 def mutants_of(module):
-    """Every Mutant of a module of tests/naive."""
+    """Every Mutant of a module of conformance/reference."""
     changer, tree, turns, out = _Changer(), ast.parse((NAIVE / f"{module}.py").read_text(encoding="utf-8")), Counter(), []
     left_out = {node.lineno for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in TOLERANCES}
     changer.visit(tree)
@@ -159,10 +159,10 @@ def changed_code(mutant):
 
 
 class _Importer(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Gives the changed module wherever naive asks for it."""
+    """Gives the changed module wherever it is imported."""
 
     def __init__(self, mutant):
-        self.name, self.code = f"naive.{mutant.module}", changed_code(mutant)
+        self.name, self.code = f"conformance.reference.{mutant.module}", changed_code(mutant)
 
     def find_spec(self, name, path=None, target=None):
         return importlib.util.spec_from_loader(name, self) if name == self.name else None
@@ -208,15 +208,15 @@ def cases_of():
 def answer(case):
     """What the naive decoder that is loaded makes of a case: array hashes, or the name of its refusal. What else is raised is a
     wrong answer, whatever it is."""
-    from naive import decoder
-    from naive.bits import Invalid, Unsupported
+    from conformance.reference import decoder
+    from conformance.reference.bits import Invalid, Unsupported
 
     queries = case.told["lods"].get(str(case.lod), []) if case.told else []
     try:
         texf = decoder.decode(case.data, case.lod)
         files, faults = decoder.arrays(texf), []
         if queries:
-            from naive.queries import answer_files, read_queries
+            from conformance.reference.queries import answer_files, read_queries
 
             answers = answer_files(texf, read_queries(runner.packed(queries)))
             faults = runner.faults_of_answers({f"{name}.bin": content for name, content in answers.items()}, queries, case.told)
@@ -293,7 +293,7 @@ def _try_cases(mutant, cases, writing):
     """In the child: writes the name of every case before it is tried, "survived" after the last."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     try:
-        for name in [name for name in sys.modules if name.split(".")[0] == "naive"]:
+        for name in [name for name in sys.modules if name.startswith("conformance.reference")]:
             del sys.modules[name]
         sys.meta_path.insert(0, _Importer(mutant))
         for case in cases:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tools.bench.provenance import made_on
 
-NAIVE = Path(__file__).resolve().parents[2] / "tests" / "naive"
+NAIVE = Path(__file__).resolve().parents[2] / "conformance" / "reference"
 
 
 def clauses_of(module):
@@ -37,13 +37,14 @@ def page_of(found, equivalents, told=""):
     survivors = [m for m, killer in found.items() if killer is None and m.name not in equivalents]
     settled = len(found) - len(survivors)
     share = f"{settled / max(len(found), 1):.1%}"
-    out = ["# Mutants of the naive decoder", "", f"Made by `make mutants` (tools/proof/mutants.py) {made_on()}: one rule of "
-           "tests/naive changed at a time, every conformance vector that runs the line asked.", "", *([told, ""] if told else []),
+    out = ["# Mutants of the reference decoder", "", f"Made by `make mutants` (tools/proof/mutants.py) {made_on()}: one rule of "
+           "conformance/reference changed at a time, tried on every vector that runs the line.", "",
+           *([told, ""] if told else []),
            f"{len(found)} mutants, {settled} killed or equivalent ({share}), {len(survivors)} survivors.", "",
            *_by_module(found, equivalents)]
     if survivors:
         out += ["", "## Survivors", "", "| place | rule | clause | change |", "|---|---|---|---|"]
-        out += [f"| tests/naive/{m.module}.py:{m.line} | {m.function} | {', '.join(_clauses(m))} | {_change(m)} |"
+        out += [f"| conformance/reference/{m.module}.py:{m.line} | {m.function} | {', '.join(_clauses(m))} | {_change(m)} |"
                 for m in survivors]
     out += ["", "## Equivalent", "", "| rule | change | why nothing changes |", "|---|---|---|"]
     out += [f"| {m.module}.{m.function} | {_change(m)} | {equivalents[m.name]} |"

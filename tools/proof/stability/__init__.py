@@ -2,13 +2,13 @@
 
 case.py: a case, its draws and the search; lattice.py, surfaces.py, transform.py, entropy.py, fits.py, looks.py, neural.py,
 floats.py: cases, by what they stress; table.py: all of them; page.py, plots.py: docs/reports/stability.md; __main__.py: the
-command. The truth that they measure against is that of tests/naive, fractions, or a formula; a test runs the table, too.
+command. They measure against the reference decoder, fractions, or a formula; a test runs the table, too.
 """
 
 import sys
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[3]
-for folder in (REPOSITORY / "tests", REPOSITORY):  # shapes and naive, which pytest finds by itself
+for folder in (REPOSITORY / "tests", REPOSITORY):  # shapes and oracles, which pytest finds by itself
     if str(folder) not in sys.path:
         sys.path.append(str(folder))

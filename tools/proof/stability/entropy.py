@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from naive import mixing, oracles
+from conformance.reference import mixing
+from oracles import kernels as oracles
 from texfcodec.codecs.raht.entropy.mixing import LIMIT, MAX_MODELS, _dec_mixed_bit, _enc_mixed_bit, new_chosen, new_model
 from texfcodec.codecs.raht.entropy.range_coder import (
     FULL,

@@ -7,7 +7,7 @@ from unittest.mock import patch
 import numpy as np
 from shapes import scene_of
 
-from naive.filter import filter_stage
+from conformance.reference.filter import filter_stage
 from texfcodec.codecs.neural import fit as neural_fit
 from texfcodec.codecs.neural.fit_samples import Samples
 from texfcodec.codecs.neural.payload import Level, Payload, Tables

@@ -6,7 +6,7 @@ from decimal import Decimal, localcontext
 import numpy as np
 from shapes import mapped_sheet, noise, painted_sphere
 
-from naive import oracles
+from oracles import kernels as oracles
 from texfcodec.api import decode
 from texfcodec.codecs.raht.transform.quantise import step_of
 from texfcodec.codecs.raht.transform.raht import _forward, _tree_weights

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from naive import ssim as naive_ssim
+from oracles import ssim as naive_ssim
 from texfcodec.geometry.shading_normals import corner_normals
 from texfcodec.geometry.tangents import corner_tangents, has_uv_area
 from texfcodec.metrics.ssim import C1, ssim, ssim_gradient

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from naive.bits import Reader
-from naive.neural import Neural, fixed_point
-from naive.syntax import read_neural
+from conformance.reference.bits import Reader
+from conformance.reference.neural import Neural, fixed_point
+from conformance.reference.syntax import read_neural
 from texfcodec.codecs.neural.infer import fixed_weights, infer
 from texfcodec.codecs.neural.neural_syntax import NEURAL
 from texfcodec.codecs.neural.payload import Level, Payload, Tables, dec_codes, enc_codes, payload_values

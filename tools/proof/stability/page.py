@@ -12,7 +12,7 @@ HEAD = """# How far off it can get
 Made by `make stability` (tools/proof/stability) {made}.
 
 The table of cases is also what tests/proof/test_stability.py runs. Each case stresses one thing, says how large the error may
-be and why, and measures it against exact fractions, the naive decoder of tests/naive, or a formula. Half of the trials are
+be and why, and measures it against exact fractions, the reference decoder, or a formula. Half of the trials are
 random, by seed; every other one is a step of a search that changes some of the choices of the worst trial so far and keeps what
 is worse. *By* says which of them found the worst. A bound of 0 means that nothing differs. Of heavy cases the size is told
 beside the trials: *small* as in the tests, *usual* as the case says, *most* with --most.

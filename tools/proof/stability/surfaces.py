@@ -6,8 +6,8 @@ from itertools import product
 import numpy as np
 from shapes import scene_of
 
-from naive import oracles
-from naive import texels as naive
+from conformance.reference import texels as naive
+from oracles import kernels as oracles
 from texfcodec.core.integer import _isqrt
 from texfcodec.field.grid import build_brick_map
 from texfcodec.field.morton import decode_morton

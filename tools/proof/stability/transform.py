@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from naive import oracles
+from oracles import kernels as oracles
 from texfcodec.codecs.raht.attribute_coder import Tools, dec_attributes, enc_attributes
 from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain, inverse_colour, inverse_plain
 from texfcodec.codecs.raht.transform.quantise import MAX_DIFFERENCE, MAX_MEAN, _dequantise, step_of

@@ -2,7 +2,7 @@
 
 import struct
 
-from naive.bits import known, require
+from conformance.reference.bits import known, require
 
 # Semantic -> components, of 5.3.1; those that may be grey.
 COMPONENTS = (3, 1, 2, 3, 1, 1, 1, 3, 1, 1, 2, 3, 3, 1, 1, 3, 1, 1, 1, 1, 3, 1, 3)

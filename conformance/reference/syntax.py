@@ -2,8 +2,8 @@
 
 import struct
 
-from naive.bits import Reader, Unsupported, known, require
-from naive.materials import check_appearance, needed_groups, read_channel_group, read_material
+from conformance.reference.bits import Reader, Unsupported, known, require
+from conformance.reference.materials import check_appearance, needed_groups, read_channel_group, read_material
 
 HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA, SHARP_EDGES, CODED_NORMALS = 0, 1, 2, 3, 4, 5, 128, 129, 130
 VOXELS, TEXELS = 0, 1  # support

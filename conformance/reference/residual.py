@@ -2,18 +2,13 @@
 
 from itertools import product
 
-from naive.mixing import WeightSet, mixed_bit, new_refinement
-from naive.scales import fine
-from naive.voxels import clip
+from conformance.reference.mixing import MixedTable
+from conformance.reference.scales import fine, sign_of
+from conformance.reference.voxels import clip
 
 SIZE, SIGN = range(2)
 WEIGHT_SETS, REFINEMENT_SETS = 103, 51
 DIRECTIONS = [(d, 8 >> sum(map(abs, d))) for d in product((-1, 0, 1), repeat=3) if any(d)]  # with the weight w
-
-
-def sign_of(a):
-    """Sign of clause 7.9."""
-    return 0 if a == 0 else 1 if a > 0 else 2
 
 
 class ResidualSlice:
@@ -22,9 +17,7 @@ class ResidualSlice:
     def __init__(self, decoder, delta, cross, level, x, y, k):
         self.decoder, self.step, self.cross, self.level = decoder, 2 * delta + 1, cross, level
         self.x, self.y, self.k = x, y, k
-        self.contexts = {}
-        self.weight_sets = [WeightSet(6) for _ in range(WEIGHT_SETS)]
-        self.refinements = [new_refinement() for _ in range(REFINEMENT_SETS)]
+        self.table = MixedTable(6, WEIGHT_SETS, REFINEMENT_SETS)
 
     def run(self, first, end):
         order = [1, 0, 2] if len(self.cross) == 3 else [*range(len(self.cross))]
@@ -69,7 +62,7 @@ class ResidualSlice:
                 (c, l7, s7, i),
                 (c, fraction >> 1, energy, i),
             ]
-            if self.bit(SIZE, numbers, c * 16 + i, 48 + c * 12 + energy, c * 16 + i) == 0:
+            if self.table.bit(self.decoder, SIZE, numbers, c * 16 + i, 48 + c * 12 + energy, c * 16 + i) == 0:
                 break
             magnitude += 1
             if magnitude == 1:
@@ -78,18 +71,10 @@ class ResidualSlice:
                     (c, fraction),
                     (c, sign_of(lead), fraction),
                 ]
-                negative = self.bit(SIGN, numbers, 84 + c, 87 + fraction, 48 + c)
+                negative = self.table.bit(self.decoder, SIGN, numbers, 84 + c, 87 + fraction, 48 + c)
         if magnitude == 16:
             magnitude = min(255, 15 + self.decoder.escape())
         return -magnitude if negative else magnitude
-
-    def bit(self, kind, numbers, first, second, refinement):
-        keys = [(kind, model, number) for model, number in enumerate(numbers)]
-        contexts = [self.contexts.get(key, (2**21, 2**21, 0)) for key in keys]
-        split = lambda p: self.decoder.split((self.decoder.range >> 16) * p)
-        bit = mixed_bit(split, contexts, self.weight_sets[first], self.weight_sets[second], self.refinements[refinement])
-        self.contexts.update(zip(keys, contexts, strict=True))
-        return bit
 
 
 def with_residuals(unit, level, values, ranges, decoders):

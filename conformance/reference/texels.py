@@ -3,7 +3,7 @@
 import math
 from fractions import Fraction
 
-from naive.voxels import clip, morton_key
+from conformance.reference.voxels import clip, morton_key
 
 REPEAT, CLAMP, MIRROR = 0, 1, 2
 

@@ -1,4 +1,4 @@
-"""Points that ask (clauses 8.1, 8.2 and 11.2): queries of the vectors, the naive decoder's answers, decoders that are wrong."""
+"""Points that ask (clauses 8.1, 8.2 and 11.2): queries of the vectors, and reference decoders with a wrong rule."""
 
 import json
 from fractions import Fraction
@@ -6,47 +6,20 @@ from math import floor
 
 import numpy as np
 import pytest
-from shapes import painted_sphere
+from test_conformance import ReferenceDecoder
 
 from conformance import run as runner
-from naive import decoder, queries, texels
-from naive.voxels import clip
-from texfcodec import EncodeOptions, InputError, decode
-from texfcodec.encoder.pipeline import encode_scene
-from texfcodec.field.morton import decode_morton, encode_morton
-from texfcodec.field.query import nearest_of_all
+from conformance.reference import queries, texels
+from conformance.reference.voxels import clip
+from texfcodec import decode
 
 VECTORS = runner.HERE
 ASKED = sorted(path.parent.relative_to(VECTORS).as_posix() for path in VECTORS.glob("*/*/queries.json"))
-QUICK = ["subset/k3", "uncommon/one_voxel", "uncommon/texels_one", "uncommon/texels_flat", "uncommon/texels_low",
-         "uncommon/queries_sheets", "uncommon/maps_neural"]
-
-
-class Naive:
-    """The naive decoder as the runner calls it."""
-
-    asks = True
-
-    def __call__(self, stream, lod, asked=b""):
-        texf = decoder.decode(stream.read_bytes(), lod)
-        files = decoder.arrays(texf) | (queries.answer_files(texf, queries.read_queries(asked)) if asked else {})
-        return 0, {f"{name}.bin": content for name, content in files.items()}, ""
 
 
 def questions(name):
     """All queries of a vector."""
     return [query for of_lod in runner.queries_of(VECTORS / name)["lods"].values() for query in of_lod]
-
-
-@pytest.mark.parametrize("name", QUICK)
-def test_naive_decoder_answers_the_quick_vectors(name):
-    assert runner.faults_of(Naive(), VECTORS / name) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in ASKED if name not in QUICK])
-def test_naive_decoder_answers_the_other_vectors(name):
-    assert runner.faults_of(Naive(), VECTORS / name) == []
 
 
 def test_queries_hold_what_they_are_for():
@@ -92,7 +65,7 @@ def rounded_once(point, header):
 def test_decoder_with_a_wrong_rule_answers_wrong(monkeypatch, name, module, rule, wrong):
     monkeypatch.setattr(module, rule, wrong)
     try:
-        faults = runner.faults_of(Naive(), VECTORS / name)
+        faults = runner.faults_of(ReferenceDecoder(), VECTORS / name)
     except (ValueError, IndexError, TypeError):  # cells of another level: not one for one with the values
         return
     assert faults and "queries are answered wrong" in faults[0]
@@ -118,36 +91,3 @@ def test_queries_are_written_as_the_runner_packs_them():
     asked = [{"field": -1, "triangle": 7, "point": [(0.1).hex(), (-2.0**80).hex(), (0.0).hex()]}]
     assert queries.read_queries(runner.packed(asked)) == [(-1, 7, [0.1, -(2.0**80), 0.0])]
     assert json.loads((VECTORS / "subset/k3/queries.json").read_text())["components"] == [3]
-
-
-def test_questions_that_have_no_answer_are_refused():
-    texf = decode(encode_scene(painted_sphere(4), EncodeOptions(resolution=8, qp=40, threads=1)).data)
-    points = texf.positions[:3]
-    for wrong in ("here", [[1, 2]], [1, 2, 3, 4], object()):
-        with pytest.raises(InputError, match="TXF-I72"):
-            texf.query(wrong)
-    for faces in ([0, 1], [0.0, 1.0, 2.0], [0, 1, len(texf.faces)], [0, 1, -1]):
-        with pytest.raises(InputError, match="TXF-I72"):
-            texf.query(points, faces)
-    for value in (np.nan, np.inf, -np.inf):
-        with pytest.raises(InputError, match="TXF-I71") as refused:
-            texf.query([[0, 0, 0], [0, 0, value]])
-        assert refused.value.details["value"] == 1
-    assert texf.query(np.zeros((0, 3))).shape == (0, 4) and texf.query(points, [0, 1, 2]).shape == (3, 4)
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_nearest_voxel_of_all_is_the_nearest(seed):
-    random = np.random.default_rng(seed)
-    resolution, count = int(random.choice([1, 2, 7, 64, 1000, 8192])), int(random.choice([1, 5, 400]))
-    keys = np.unique(encode_morton(random.integers(0, resolution, (count, 3))))
-    points = np.concatenate([random.uniform(-0.2, 1.2, (60, 3)) * resolution, random.choice([-1e6, 0.0, 3.5, 1e6], (20, 3)),
-                             random.integers(0, resolution + 1, (20, 3))])
-    square = ((points[:, None] - (decode_morton(keys) + 0.5)) ** 2).sum(axis=2)
-    found = nearest_of_all(points, resolution, keys)
-    assert np.allclose(square[np.arange(len(points)), found], square.min(axis=1), rtol=1e-13)
-
-
-def test_of_voxels_equally_near_the_first_answers():
-    keys = np.unique(encode_morton(np.array([[0, 0, 0], [20, 0, 0], [0, 20, 0]])))
-    assert nearest_of_all(np.array([[20.5, 20.5, 0.5], [10.5, 10.5, 0.5]]), 32, keys).tolist() == [1, 0]

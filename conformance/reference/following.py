@@ -2,7 +2,7 @@
 
 from itertools import product
 
-from naive.voxels import clip
+from conformance.reference.voxels import clip
 
 LARGEST = 2**22
 AROUND = [offsets for offsets in product((-1, 0, 1), repeat=3) if any(offsets)]

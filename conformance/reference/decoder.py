@@ -1,6 +1,6 @@
 """A whole decoder in plain Python, written from bitstream_spec.md and a Draco decoder alone: slow, and readable beside the text.
 
-    python tests/naive/decoder.py IN.texf OUT_DIR [--lod L] [--queries FILE]
+    python conformance/reference/decoder.py IN.texf OUT_DIR [--lod L] [--queries FILE]
 
 writes the arrays of clause 9, and the answers to queries, for conformance/run.py. Exit codes: 3 for an invalid stream, 5 for one
 it does not support.
@@ -14,17 +14,17 @@ from pathlib import Path
 
 import DracoPy
 
-if __package__ in (None, ""):  # run as a command: this folder's own modules are found as naive.*
-    sys.path[0] = str(Path(__file__).resolve().parents[1])
+if __package__ in (None, ""):  # run as a command: conformance.reference is found from here
+    sys.path[0] = str(Path(__file__).resolve().parents[2])
 
-from naive.attributes import decode_values
-from naive.bits import Invalid, Unsupported, require, units_of
-from naive.edges import decode_marks, marked_edges
-from naive.neural import Neural, coarse_values, latent_keys
-from naive.normals import decode_normals
-from naive.syntax import CONSTANT, NEURAL, TEXELS, read_stream
-from naive.texels import asked_texels, whole_number
-from naive.voxels import active_voxels
+from conformance.reference.attributes import decode_values
+from conformance.reference.bits import Invalid, Unsupported, require, units_of
+from conformance.reference.edges import decode_marks, marked_edges
+from conformance.reference.neural import Neural, coarse_values, latent_keys
+from conformance.reference.normals import decode_normals
+from conformance.reference.syntax import CONSTANT, NEURAL, TEXELS, read_stream
+from conformance.reference.texels import asked_texels, whole_number
+from conformance.reference.voxels import active_voxels
 
 FLOAT32, UINT32, POSITION, TEX_COORD, GENERIC = 9, 6, 0, 3, 4  # Draco's own numbers
 
@@ -196,7 +196,7 @@ def main():
         texf = decode(arguments.stream.read_bytes(), arguments.lod)
         files = arrays(texf)
         if arguments.queries:
-            from naive.queries import answer_files, read_queries  # it stands on this module
+            from conformance.reference.queries import answer_files, read_queries  # it stands on this module
 
             files |= answer_files(texf, read_queries(arguments.queries.read_bytes()))
     except (Invalid, Unsupported) as error:

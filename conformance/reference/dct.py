@@ -1,10 +1,11 @@
 """Clause 7.11.4 in plain Python: blocks of 8 x 8 texels that are decoded at once."""
 
-from naive.mixing import WeightSet, mixed_bit, new_refinement
-from naive.scales import energy_class, fine, sixteenths
-from naive.voxels import clip
+from conformance.reference.mixing import MixedTable
+from conformance.reference.scales import energy_class, fine, sign_of, sixteenths
+from conformance.reference.voxels import clip
 
 COUNT, ZERO, MORE, SIGN = range(4)
+WEIGHT_SETS, REFINEMENT_SETS = 873, 621
 COSINE = (8192, 8035, 7568, 6811, 5793, 4551, 3135, 1598, 0)
 PLACES = [(u, v) for u in range(8) for v in range(8)]
 ZIGZAG = sorted(PLACES, key=lambda p: (sum(p), p[0] if sum(p) % 2 == 0 else p[1]))
@@ -26,34 +27,6 @@ def alone(f, a):
     return 2 * a if f > 0 else (181 * a) >> 6
 
 
-def sign_of(a):
-    return 0 if a == 0 else 1 if a > 0 else 2
-
-
-class DctTable:
-    """What adapts while the DCT blocks of a range are decoded."""
-
-    def __init__(self):
-        self.contexts = {}
-        self.weight_sets = [WeightSet(6) for _ in range(873)]
-        self.refinements = [new_refinement() for _ in range(621)]
-
-    def copy(self):
-        other = DctTable()
-        other.contexts = dict(self.contexts)
-        other.weight_sets = [weights.copy() for weights in self.weight_sets]
-        other.refinements = [list(refinement) for refinement in self.refinements]
-        return other
-
-    def bit(self, decoder, kind, numbers, first, second):
-        keys = [(kind, model, number) for model, number in enumerate(numbers)]
-        contexts = [self.contexts.get(key, (2**21, 2**21, 0)) for key in keys]
-        split = lambda p: decoder.split((decoder.range >> 16) * p)
-        bit = mixed_bit(split, contexts, self.weight_sets[first], self.weight_sets[second], self.refinements[first])
-        self.contexts.update(zip(keys, contexts, strict=True))
-        return bit
-
-
 class DctBlock:
     """A DCT block: q[c] by (u, v) and texels by (x, y) and component."""
 
@@ -73,7 +46,7 @@ class DctBlock:
             self.component(c, scale)
 
     def bit(self, kind, numbers, first, second):
-        return self.nodes.table.dct.bit(self.nodes.decoder, kind, numbers, first, second)
+        return self.nodes.table.dct.bit(self.nodes.decoder, kind, numbers, first, second, first)
 
     def component(self, c, scale):
         q = {place: 0 for place in PLACES}
@@ -194,7 +167,7 @@ class Coefficient:
 def decode_blocks(nodes, end):
     """The DCT blocks of a range; gives the means and energies of all nodes below them."""
     level, table = nodes.level, nodes.table
-    table.dct = table.dct or DctTable()
+    table.dct = table.dct or MixedTable(6, WEIGHT_SETS, REFINEMENT_SETS)
     for node in range(nodes.first, end):
         if level.weight[node] != 64:
             continue

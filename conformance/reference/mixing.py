@@ -1,8 +1,8 @@
 """Clauses 7.5.5 and 7.6.4 in plain Python: bits whose probability several models give together, and the flags of quiet planes."""
 
-from naive.planar import alike
-from naive.scales import energy_class, fine, half, sixteenths, surrounding_classes
-from naive.voxels import clip
+from conformance.reference.planar import alike
+from conformance.reference.scales import energy_class, fine, half, sign_of, sixteenths, surrounding_classes
+from conformance.reference.voxels import clip
 
 FLAG, ZERO, MORE, SIGN = range(4)
 WEIGHT_SETS, REFINEMENT_SETS, QUIET_CONTEXTS = 224, 139, 256
@@ -42,11 +42,6 @@ class WeightSet:
 
     def __init__(self, num_models):
         self.weight, self.count = [13107] * num_models + [0], 0
-
-    def copy(self):
-        other = WeightSet(0)
-        other.weight, other.count = list(self.weight), self.count
-        return other
 
     def output(self, s):
         """x1 or x2; s ends with the input of the bias, the rest of s may be fewer than the models."""
@@ -89,26 +84,19 @@ def mixed_bit(split, contexts, a, b, refinement):
 
 
 class MixedTable:
-    """What adapts while a range is decoded: contexts by (kind, model, number), weight sets, refinement sets."""
+    """What adapts while bits of several models are decoded: contexts by (kind, model, number), weight sets, refinement sets."""
 
-    def __init__(self, num_models):
+    def __init__(self, num_models, weight_sets=WEIGHT_SETS, refinement_sets=REFINEMENT_SETS):
         self.num_models, self.contexts, self.quiet = num_models, {}, [(2**21, 2**21, 0)] * QUIET_CONTEXTS
-        self.dct = None  # a DctTable, from the first DCT block on
-        self.weight_sets = [WeightSet(num_models) for _ in range(WEIGHT_SETS)]
-        self.refinements = [new_refinement() for _ in range(REFINEMENT_SETS)]
+        self.dct = None  # the table of DCT blocks, from the first one on
+        self.weight_sets = [WeightSet(num_models) for _ in range(weight_sets)]
+        self.refinements = [new_refinement() for _ in range(refinement_sets)]
 
-    def copy(self):
-        other = MixedTable(self.num_models)
-        other.contexts, other.quiet = dict(self.contexts), list(self.quiet)
-        other.dct = self.dct and self.dct.copy()
-        other.weight_sets = [weights.copy() for weights in self.weight_sets]
-        other.refinements = [list(refinement) for refinement in self.refinements]
-        return other
-
-    def bit(self, split, kind, numbers, first, second, refinement):
+    def bit(self, decoder, kind, numbers, first, second, refinement):
         """numbers: what the context number of each model is made of; first, second, refinement: numbers of the sets."""
         keys = [(kind, model, number) for model, number in enumerate(numbers[: self.num_models])]
         contexts = [self.contexts.get(key, (2**21, 2**21, 0)) for key in keys]
+        split = lambda p: decoder.split((decoder.range >> 16) * p)
         bit = mixed_bit(split, contexts, self.weight_sets[first], self.weight_sets[second], self.refinements[refinement])
         self.contexts.update(zip(keys, contexts, strict=True))
         return bit
@@ -180,13 +168,10 @@ class MixedBits:
 
     def earlier_sign(self, c, n, component):
         """s0 and s1 of coefficient n of component c."""
-        q = self.block.q[component][n] if component < c else 0
-        return 0 if q == 0 else 1 if q > 0 else 2
+        return sign_of(self.block.q[component][n] if component < c else 0)
 
     def decode(self, kind, numbers, first, second, refinement):
-        decoder = self.nodes.decoder
-        split = lambda p: decoder.split((decoder.range >> 16) * p)
-        return self.nodes.table.bit(split, kind, numbers, first, second, refinement)
+        return self.nodes.table.bit(self.nodes.decoder, kind, numbers, first, second, refinement)
 
     def flag(self):
         b, L, near, far = self.b, self.L, self.near_class, self.far_class

@@ -8,12 +8,12 @@ from fractions import Fraction
 from itertools import product
 from math import floor, isqrt, lcm, nan
 
-from naive.attributes import de_interleave
-from naive.decoder import triangles_of_field, uv_rows
-from naive.neural import position_of
-from naive.syntax import TEXELS
-from naive.texels import bilinear
-from naive.voxels import clip
+from conformance.reference.attributes import de_interleave
+from conformance.reference.decoder import triangles_of_field, uv_rows
+from conformance.reference.neural import position_of
+from conformance.reference.syntax import TEXELS
+from conformance.reference.texels import bilinear
+from conformance.reference.voxels import clip
 
 FAR = 10**6
 EQUALLY_NEAR = Fraction(1, 2**20)  # of a voxel

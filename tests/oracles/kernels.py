@@ -1,37 +1,33 @@
 """Plain-Python oracles of single kernels: unlimited integers and fractions, no numpy, no numba, written from bitstream_spec.md.
+Where the reference decoder has a function of its own for a rule, it is the oracle.
 
 They are slow and follow the clauses, not the kernels; where a clause leaves the way open they take the most obvious one (a dict
 for a look-up table, a loop over all voxels for a search).
 """
 
+from collections import defaultdict
 from fractions import Fraction
 from itertools import product
 from math import isqrt
 
-from naive import mixing
-from naive.filter import filter_stage as filter_stage  # 7.7, one stage: (dict of voxels, mask, coefficients, luma step) -> dict
-from naive.queries import voxel_answers
-from naive.scales import falloff as falloff  # 7.3: (mean, centre, colour range, luma step) -> 0..64
-
-STEPS = (2580, 2896, 3251, 3649, 4096, 4598)
-
+from conformance.reference import attributes, mixing
+from conformance.reference.attributes import tree_weights, values_of_node
+from conformance.reference.filter import filter_stage as filter_stage
+from conformance.reference.queries import voxel_answers
+from conformance.reference.scales import STEP_TABLE as STEP_TABLE
+from conformance.reference.scales import energy_class
+from conformance.reference.scales import falloff as falloff
+from conformance.reference.scales import step as step
+from conformance.reference.voxels import add_triangle
+from conformance.reference.voxels import frame as frame
+from conformance.reference.voxels import morton_key as morton
 
 # Order and look-up
-
-
-def morton(x, y, z):
-    """Key of a voxel, one bit at a time (6.4)."""
-    return sum(((v >> i) & 1) << (3 * i + axis) for axis, v in enumerate((x, y, z)) for i in range(16))
 
 
 def voxel_of(key):
     """Inverse of morton."""
     return tuple(sum(((key >> (3 * i + axis)) & 1) << i for i in range(16)) for axis in range(3))
-
-
-def ranks_of(keys):
-    """Rank of every key in a dict."""
-    return {key: i for i, key in enumerate(keys)}
 
 
 # Voxelisation (6.1 to 6.4)
@@ -50,37 +46,13 @@ def exact_double_area(u, v):
     return isqrt(sum(c * c for c in cross))
 
 
-def _frame(corners):
-    """(start, end, apex, columns, rows, unit) of a triangle in fixed grid coordinates."""
-    a, b, c = sorted(corners)
-    reach = lambda p, q: max(abs(i - j) for i, j in zip(p, q, strict=True))
-    base, _, start, end, apex = max((reach(a, b), 2, a, b, c), (reach(a, c), 1, a, c, b), (reach(b, c), 0, b, c, a))
-    if base == 0:
-        return start, end, apex, 1, 1, 0
-    minus = lambda p, q: [i - j for i, j in zip(p, q, strict=True)]
-    area = double_area(minus(end, start), minus(apex, start))
-    up = lambda length: max(1, -(-2 * length // 65536))
-    rows = up(area // base)
-    return start, end, apex, up(base), rows, area // rows**2
-
-
 def voxelise(lattice, faces, bits, resolution, threshold=0):
     """Active voxels as a dict from Morton key to area weight."""
     weights = {}
     for face in faces:
-        corners = [tuple((lattice[v][i] * resolution * 65536) >> bits for i in range(3)) for v in face]
-        start, end, apex, columns, rows, unit = _frame(corners)
-        for j in range(rows):
-            offset = 0 if columns > 4 * rows else 1
-            left = 2 * rows - 2 * j - offset
-            count = max(1, -(-columns * left // (2 * rows)))
-            begin = [(s + (t - s) * (2 * j + offset) // (2 * rows)) * 65536 for s, t in zip(start, apex, strict=True)]
-            half = [((e - s) * left // (2 * rows)) * 65536 // (2 * count) for s, e in zip(start, end, strict=True)]
-            for i in range(count):
-                voxel = [min(max((b + (2 * i + 1) * h) // 2**32, 0), resolution - 1) for b, h in zip(begin, half, strict=True)]
-                key = morton(*voxel)
-                weights[key] = weights.get(key, 0) + unit * (2 * rows - 2 * j - 1) // (2 * count)
-    return {key: weights[key] for key in sorted(weights) if weights[key] >= threshold << 24}
+        add_triangle(weights, sorted(tuple((p * resolution << 16) >> bits for p in lattice[v]) for v in face), resolution)
+    return {key: weight for key, weight in sorted((morton(*voxel), weight) for voxel, weight in weights.items())
+            if weight >= threshold << 24}
 
 
 # Query (8.2)
@@ -136,11 +108,11 @@ def predict(node, first, parents, children, parent_mean, child_mean, kernel, col
             if not first <= other < node:
                 terms.append((kernel[crossed] * weigh(parent_mean[other]), parent_mean[other]))
                 continue
-            for step in product((-1, 0, 1), repeat=3):  # touching voxels that lie in that parent
-                touching = tuple(v + d for v, d in zip(voxel, step, strict=True))
+            for away in product((-1, 0, 1), repeat=3):  # touching voxels that lie in that parent
+                touching = tuple(v + d for v, d in zip(voxel, away, strict=True))
                 if touching in child_place and tuple(t >> 1 for t in touching) == voxel_of(parents[other]):
                     mean = child_mean[child_place[touching]]
-                    terms.append((kernel[3 + sum(map(abs, step))] * weigh(mean), mean))
+                    terms.append((kernel[3 + sum(map(abs, away))] * weigh(mean), mean))
         total = sum(w for w, _ in terms)
         sums = [sum(w * mean[c] for w, mean in terms) for c in range(len(parent_mean[node]))]
         out[child & 7] = [(2 * s + total) // (2 * total) for s in sums]
@@ -148,11 +120,6 @@ def predict(node, first, parents, children, parent_mean, child_mean, kernel, col
 
 
 # Transform (7.4)
-
-
-def step(qp):
-    """Quantiser step with 12 fractional bits."""
-    return STEPS[qp % 6] << (qp // 6)
 
 
 def dequantise(q, step, w1, w2):
@@ -167,27 +134,19 @@ def exact_difference_squared(q, step, w1, w2):
     return Fraction((q * step) ** 2 * (w1 + w2), w1 * w2)
 
 
-def halves(weights):
-    """Weight of every node of a block's tree (7.4.1). weights: dict from octant to weight."""
-    tree = {7 + octant: w for octant, w in weights.items()}
-    for node in range(6, -1, -1):
-        tree[node] = tree.get(2 * node + 1, 0) + tree.get(2 * node + 2, 0)
-    return tree
-
-
 def inverse(weights, q, mean, predicted, step, exact=False):
     """Means of a block's children, a dict by octant (7.4.3), without the final clip.
 
     weights, predicted: dicts by octant; q: dict by split. exact: in fractions, with the same integer differences.
     """
     divide = Fraction if exact else lambda a, b: (2 * a + b) // (2 * b)
-    tree = halves(weights)
+    tree = tree_weights(weights)
     value = {0: mean - divide(sum(weights[o] * predicted[o] for o in weights), tree[0])}
     for node in range(7):
         low, high = 2 * node + 1, 2 * node + 2
         if node not in value:
             continue
-        w1, w2 = tree.get(low, 0), tree.get(high, 0)
+        w1, w2 = tree[low], tree[high]
         if w1 and w2:
             d = dequantise(q.get(node, 0), step, w1, w2)
             value[low] = value[node] - divide(w2 * d, w1 + w2)
@@ -199,10 +158,10 @@ def inverse(weights, q, mean, predicted, step, exact=False):
 
 def forward(weights, residual):
     """Squares and signs of the orthonormal coefficients of a block's residual, dict by split: (sign, Fraction)."""
-    tree, value, out = halves(weights), {7 + o: Fraction(r) for o, r in residual.items()}, {}
+    tree, value, out = tree_weights(weights), {7 + o: Fraction(r) for o, r in residual.items()}, {}
     for node in range(6, -1, -1):
         low, high = 2 * node + 1, 2 * node + 2
-        w1, w2 = tree.get(low, 0), tree.get(high, 0)
+        w1, w2 = tree[low], tree[high]
         if w1 and w2:
             d = value[high] - value[low]
             out[node] = ((d > 0) - (d < 0), d * d * Fraction(w1 * w2, w1 + w2))
@@ -215,32 +174,15 @@ def forward(weights, residual):
 # Range decoder (7.6) and binarisation (7.5.4)
 
 
-class RangeDecoder:
+class RangeDecoder(attributes.RangeDecoder):
     """The decoder of clause 7.6 over bytes; contexts spring into being in their initial state."""
 
     def __init__(self, data):
-        self.bytes, self.code, self.range, self.contexts = iter(data), 0, 2**32 - 1, {}
-        for _ in range(4):
-            self.code = self.code * 256 + next(self.bytes, 0)
-
-    def _split(self, bound):
-        bit = int(self.code < bound)
-        self.code, self.range = (self.code, bound) if bit else (self.code - bound, self.range - bound)
-        while self.range < 2**24:
-            self.range, self.code = self.range * 256, self.code * 256 + next(self.bytes, 0)
-        return bit
-
-    def bypass(self):
-        return self._split(self.range // 2)
+        super().__init__(data)
+        self.contexts = defaultdict(lambda: (2**21, 2**21, 0))
 
     def bit(self, ctx):
-        fast, slow, count = self.contexts.get(ctx, (2**21, 2**21, 0))
-        bit = self._split((self.range >> 16) * min(max((fast + slow) >> 7, 24), 65512))
-        target = bit * (2**22 - 1)
-        fast += (target - fast) >> min((count + 1).bit_length(), 3)
-        slow += (target - slow) >> (count + 1).bit_length()
-        self.contexts[ctx] = fast, slow, min(count + 1, 63)
-        return bit
+        return super().bit(self.contexts, ctx)
 
     def magnitude(self, component, strength, large):
         sign, size, ctx = self.bypass(), 1, 4620 + (component * 7 + strength) * 3 + min(large, 2)
@@ -248,13 +190,8 @@ class RangeDecoder:
             if not self.bit(ctx):
                 return -size if sign else size
             size, ctx = size + 1, 4683 + component * 14 + min(i, 13)
-        bits = 0
-        while bits < 24 and self.bypass():
-            bits += 1
-        rest = 1
-        for _ in range(bits):
-            rest = 2 * rest + self.bypass()
-        return -(size + rest - 1) if sign else size + rest - 1
+        size += self.escape() - 1
+        return -size if sign else size
 
 
 # Mixed bits (7.6.4)
@@ -271,11 +208,6 @@ def stretch_table():
     return [next((i - 2816 for i, p in enumerate(squashed) if p >= 16 * v + 8), 2816) for v in range(4096)]
 
 
-def refinement_start():
-    """The 24 entries of a refinement set in its initial state."""
-    return mixing.new_refinement()
-
-
 def mixed_bit(bit, contexts, first, second, refinement):
     """(p, contexts, first, second, refinement): the probability of a one that a bit is coded with and all state after it.
 
@@ -290,23 +222,12 @@ def mixed_bit(bit, contexts, first, second, refinement):
     return asked[0], contexts, *((own.weight, own.count) for own in sets), refinement
 
 
-# Colour (7.8.2)
-
-
 def rgb_of(y, cb, cr):
-    """Decoded means to 8-bit RGB."""
-    clip = lambda v: min(max(v >> 28, 0), 255)
-    half = 2**27
-    return (clip(65536 * y + 103206 * cr + half), clip(65536 * y - 12276 * cb - 30679 * cr + half),
-            clip(65536 * y + 121608 * cb + half))
+    """Decoded means to 8-bit RGB (7.8.2)."""
+    return tuple(values_of_node((y, cb, cr), 1))
 
 
 # Surroundings (7.5.1)
-
-
-def energy_class(e):
-    """Class of an energy, its upper limits as the clause lists them."""
-    return next((c for c, limit in enumerate((0, 1, 3, 6, 12, 28)) if e <= limit), 6)
 
 
 def surroundings(block, first, values, energy, above):

@@ -1,5 +1,7 @@
 """Clause 7.11 in plain Python: what blocks of planar supports have besides."""
 
+from conformance.reference.scales import sign_of
+
 CORNERS = ((-1, -1), (1, -1), (-1, 1))
 
 
@@ -22,5 +24,4 @@ def alike(nodes, node, c, n):
     above = nodes.upper.q[nodes.level.parent[node]] if nodes.upper else None
     above = 0 if above is None else above[c][n]
     digits = [min(abs(v), 2) for v in (west, north, corners, above)]
-    sign = lambda v: 0 if v == 0 else 1 if v > 0 else 2
-    return sum(d * 3**i for i, d in enumerate(reversed(digits))), 3 * sign(west) + sign(north)
+    return sum(d * 3**i for i, d in enumerate(reversed(digits))), 3 * sign_of(west) + sign_of(north)

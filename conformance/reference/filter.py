@@ -2,8 +2,8 @@
 
 from itertools import product
 
-from naive.scales import entries_reached, sixteenths
-from naive.voxels import clip
+from conformance.reference.scales import entries_reached, sixteenths
+from conformance.reference.voxels import clip
 
 LARGEST = 2**22
 ROUGHNESS_ENTRIES = (4, 8, 16, 32)

@@ -36,6 +36,11 @@ def surrounding_classes(near, near_weight, far, far_weight):
     return near_class, energy_class((far + far_weight - 1) // far_weight)
 
 
+def sign_of(a):
+    """Sign of clause 7.9; 7.5.5, 7.11.2 and 7.11.4 tell signs apart by the same numbers."""
+    return 0 if a == 0 else 1 if a > 0 else 2
+
+
 def half(w):
     """Half of clause 7.5.5."""
     return max(w.bit_length() - 1, 0) // 2

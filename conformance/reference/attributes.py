@@ -1,16 +1,17 @@
 """Clause 7 in plain Python: octree, prediction, transform, contexts, range decoder."""
 
+from copy import deepcopy
 from math import isqrt
 from types import SimpleNamespace
 
-from naive.bits import require
-from naive.dct import decode_blocks
-from naive.filter import filter_stage
-from naive.following import followed
-from naive.mixing import MixedBits, MixedTable, adapted
-from naive.residual import with_residuals
-from naive.scales import falloff, step, surrounding_classes
-from naive.voxels import clip
+from conformance.reference.bits import require
+from conformance.reference.dct import decode_blocks
+from conformance.reference.filter import filter_stage
+from conformance.reference.following import followed
+from conformance.reference.mixing import MixedBits, MixedTable, adapted
+from conformance.reference.residual import with_residuals
+from conformance.reference.scales import falloff, step, surrounding_classes
+from conformance.reference.voxels import clip
 
 LARGEST = 2**22
 DIRECTIONS = [
@@ -131,7 +132,7 @@ def decode_means(unit, keys, lod=0):
             ranges, used = whole(levels[d]), slice(0, 1)
         elif d == unit["slice_level"]:
             ranges = list(zip(starts, starts[1:] + [len(levels[d].values)], strict=True))
-            tables += [tables[0].copy() for _ in ranges]
+            tables += [deepcopy(tables[0]) for _ in ranges]
             used = slice(1, None)
         else:
             ranges = [children_of_range(levels[d - 1], first, end) for first, end in ranges]

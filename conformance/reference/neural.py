@@ -4,9 +4,9 @@ from itertools import product
 from math import floor
 from operator import mul
 
-from naive.attributes import RangeDecoder, de_interleave
-from naive.bits import require
-from naive.voxels import active_voxels, clip
+from conformance.reference.attributes import RangeDecoder, de_interleave
+from conformance.reference.bits import require
+from conformance.reference.voxels import active_voxels, clip
 
 POSITIONS, LARGEST, KNEE = 2**24, 2**24, 24576
 HASH_FACTORS, HASH_FIELD = (1, 2654435761, 805459861), 3674653429

@@ -4,9 +4,9 @@ import struct
 import zlib
 from math import isqrt
 
-from naive.attributes import RangeDecoder
-from naive.bits import require
-from naive.edges import brought, dot, normal
+from conformance.reference.attributes import RangeDecoder
+from conformance.reference.bits import require
+from conformance.reference.edges import brought, dot, normal
 
 
 def decode_normals(unit, marked, units, materials):

@@ -2,8 +2,8 @@
 
 import zlib
 
-from naive.attributes import RangeDecoder
-from naive.bits import require
+from conformance.reference.attributes import RangeDecoder
+from conformance.reference.bits import require
 
 STEPS = (4090, 4065, 3973, 3617, 3072, 2404, 1692, 1024, 274, 4)
 

@@ -1,0 +1,120 @@
+"""The Texf of a stream whose arrays come from a sandbox: this process reads clauses 4 and 5 itself, in Python alone, and checks
+every index of the answer. A sandbox is a WebAssembly module (wasm.py) or a child process (isolate.py)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ..bitstream.syntax import SUPPORT_TEXELS
+from ..codecs import joint_codec_of_unit
+from ..decoder import add_planes, appearance_of
+from ..errors import StreamError, TexfError
+from ..field.texel_set import MAX_UV
+from ..field.texels import TexelSupport, texels_are_sound
+from ..field.voxels import VoxelSupport, keys_are_sound
+from ..geometry.edges import coded_edges
+from ..geometry.geometry_unit import GeometryUnit
+from ..texf import Field
+
+if TYPE_CHECKING:
+    from ..bitstream.stream import Stream
+    from ..options import DecodeOptions
+    from ..report import Report
+    from ..texf import Texf
+
+POSITIONS, UVS, FACES, KEYS, VALUES, SHARP_EDGES, CODED_NORMALS = 2, 3, 4, 6, 7, 8, 9  # texf_array_kind of native/texf.h
+
+
+class Answer(Protocol):
+    """What a sandbox has decoded."""
+
+    def array(self, kind: int, i: int = 0, j: int = 0, dtype: str = "u1") -> np.ndarray:
+        """A copy of an array of native/texf.h, one-dimensional; empty if there is none. Raises ValueError for another dtype."""
+
+
+def texf_of(stream: Stream, answer: Answer, options: DecodeOptions, report: Report, packed: tuple[dict, dict] = ({}, {})) -> Texf:
+    """The Texf of a stream and of the arrays decoded from it.
+
+    packed: for a joint codec, what its pack() made of the evaluators. Raises StreamError TXF-S40 for an answer that cannot be.
+    """
+    texf = appearance_of(stream, options, report)
+    try:
+        texf.units += [_unit(values, answer, i) for i, values in enumerate(stream.geometry)]
+        texf.fields += [Field(_support(values, answer.array(KEYS, i, dtype="<i8"), options.lod), {})
+                        for i, values in enumerate(stream.fields)]
+        if stream.joint:
+            _add_joint(texf, stream.joint, answer, packed)
+        for values in stream.attributes if not stream.joint else ():
+            part, group = texf.fields[values["field_index"]], texf.groups[values["group_index"]]
+            add_planes(part, group, values, _plane(answer, values["field_index"], values["group_index"], group))
+        if stream.sharp_edges:
+            texf.sharp_edges = answer.array(SHARP_EDGES).astype(bool)
+        if stream.coded_normals:
+            texf.coded_normals = answer.array(CODED_NORMALS, dtype="<i2").reshape(-1, 3)
+        sound = _is_sound(texf)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+        raise StreamError("TXF-S40", "the decoder returned an invalid result", reason=type(error).__name__) from error
+    if not sound:
+        raise StreamError("TXF-S40", "the decoder returned an index out of range")
+    return texf
+
+
+def _unit(values, answer, i):
+    uv = answer.array(UVS, i, dtype="<i4").astype(np.int64).reshape(-1, 2) if values["Support"] == SUPPORT_TEXELS else None
+    lattice, faces = (answer.array(kind, i, dtype="<u4").astype(np.int64).reshape(-1, 3) for kind in (POSITIONS, FACES))
+    return GeometryUnit(values["field_index"], values["material_index"], lattice, faces, uv)
+
+
+def _support(values, keys, lod):
+    """The support at a level of detail whose keys these are. values: of the field unit."""
+    if values["support"] == SUPPORT_TEXELS:
+        whole = TexelSupport(keys=keys, width=values["width"], height=values["height"], wrap=(values["wrap_s"], values["wrap_t"]),
+                             fraction_bits=values["uv_fraction_bits"])
+        return replace(whole, level_shift=min(lod, whole.depth))
+    support = VoxelSupport(values["resolution"], keys)
+    return replace(support, level_shift=min(lod, support.depth))
+
+
+def _plane(answer, i, j, group):
+    return answer.array(VALUES, i, j).reshape(-1, group.components)
+
+
+def _add_joint(texf, values, answer, packed):
+    """Adds the evaluators of a joint codec, and the planes that hold what they answer at the voxels."""
+    texf.codec = joint_codec_of_unit(values)
+    for i, part in enumerate(texf.fields):
+        for j, group in enumerate(texf.groups):
+            part.planes |= group.split(_plane(answer, i, j, group))
+    try:
+        texf.evaluators = texf.codec.unpack(*packed, texf.groups, len(texf.fields))
+    except TexfError as error:  # the stream has been checked: the answer is at fault
+        raise ValueError("evaluators") from error
+
+
+def _is_sound(texf):
+    """Whether no index leaves its array, and every array is as long as what it belongs to."""
+    sound = all(_field_is_sound(part, texf.channels) for part in texf.fields) and all(_unit_is_sound(u, texf) for u in texf.units)
+    if sound and texf.sharp_edges is not None:
+        marked = np.array([m.normals.has_marks for m in texf.materials], bool)[texf.face_material]
+        sound = texf.sharp_edges.shape == (len(coded_edges(texf.lattice_positions, texf.faces, marked)[0]),)
+    if sound and texf.coded_normals is not None:
+        sound = len(texf.coded_normals) == len(texf.corner_groups())
+    return sound
+
+
+def _field_is_sound(part, channels):
+    keys_sound = texels_are_sound if part.over_texels else keys_are_sound
+    return keys_sound(part.keys, part.support.size) and all(len(part.planes[c.name]) == len(part.support_of(c.name))
+                                                            for c in channels if c.name in part.planes)
+
+
+def _unit_is_sound(unit, texf):
+    uv_is_sound = unit.uv is None or (len(unit.uv) == len(unit.lattice) and bool((np.abs(unit.uv) < MAX_UV).all()))
+    return uv_is_sound and _within(unit.faces, len(unit.lattice)) and _within(unit.lattice, 1 << texf.position_bits)
+
+
+def _within(values, end):
+    return len(values) > 0 and values.min() >= 0 and values.max() < end

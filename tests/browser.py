@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 WEB = Path(__file__).resolve().parents[1] / "texfcodec" / "viewer" / "web"
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+NAMES = (os.environ.get("CHROMIUM", "chromium"), "chromium", "chromium-browser", "google-chrome")
+BROWSER = next(filter(None, map(shutil.which, NAMES)), None)
 FLAGS = ["--headless=new", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-first-run",
          "--disable-background-networking", "--disable-dev-shm-usage"]
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium on PATH to run the viewer's modules in")

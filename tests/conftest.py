@@ -3,13 +3,17 @@
 import importlib
 import sys
 import tomllib
-from collections import defaultdict
+from collections import Counter, defaultdict
 from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 from mesh_files import load_bytes, refusal
 from plugins import write_plugin
+
+from texfcodec.errors import TexfError
+from texfcodec.findings import FINDINGS
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 LONG_TESTS = tomllib.loads((Path(__file__).parent / "long_tests.toml").read_text(encoding="utf-8"))
@@ -26,6 +30,26 @@ def pytest_collection_modifyitems(items):
         kept = {i * len(found) // wanted for i in range(wanted)} if wanted else set()
         for i, item in enumerate(found if wanted is not None else ()):
             item.add_marker("long" if i in kept or wanted >= len(found) else "slow")
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Skipped tests, counted by their reason."""
+    counts = Counter(report.longrepr[2].removeprefix("Skipped: ") for report in terminalreporter.getreports("skipped"))
+    for reason, count in counts.most_common():
+        terminalreporter.write_line(f"{count} skipped: {reason}")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def raised_as_the_table_says():
+    """Every error of a test is of the class that findings.py gives its code."""
+    families, make = {row.code: row.family for row in FINDINGS}, TexfError.__init__
+
+    def checked(error, code, message, **details):
+        make(error, code, message, **details)
+        assert isinstance(error, families[code] or TexfError), error
+
+    with patch.object(TexfError, "__init__", checked):
+        yield
 
 
 @pytest.fixture(scope="session")

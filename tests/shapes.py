@@ -1,5 +1,7 @@
 """Small meshes and scenes made by code, for every test that needs one."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from texfcodec.scene.scene import ALPHA_BLEND, Material, Scene, Texture
@@ -115,6 +117,12 @@ def mapped_sheet(maps, colour=None, cells=4, wrap=(0, 0), span=1.0, **material):
     return Scene(positions=positions, faces=faces, face_material=np.zeros(len(faces), np.int64),
                  corner_uv=span * np.stack([x, 1 - y], axis=1)[faces], corner_color=None, materials=[Material("sheet", **whole)],
                  textures=[Texture(image, wrap, f"image {i}") for i, image in enumerate(images)])
+
+
+def domed(scene):
+    """A Scene on the unit square, bent into a dome."""
+    x, y, _ = scene.positions.T
+    return replace(scene, positions=np.column_stack([x, y, 0.4 - 0.8 * ((x - 0.5) ** 2 + (y - 0.5) ** 2)]))
 
 
 def plain_image(*values, size=8):

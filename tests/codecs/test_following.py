@@ -69,9 +69,3 @@ def test_it_saves_bytes_where_components_go_together_and_is_weaker_where_they_do
     assert costs[0] < 0.97 * costs[1]
     noise = np.random.default_rng(5).integers(0, 2, (len(keys), 3)).astype(np.uint8) * 255
     assert tool_choice.choose_tools(keys, 6, forward_colour(noise), [28] * 3, "balanced").component_cross < 16
-
-
-def test_one_component_follows_nothing():
-    keys = bowl_keys(4)
-    coded, _ = coded_image(keys, 4, stripes(keys, 1), Tools(models=8, component_cross=16))
-    assert coded.component_cross == 0

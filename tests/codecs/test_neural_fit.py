@@ -1,52 +1,19 @@
 """The 3DNTC fit: its gradient, its promises (seed, checkpoint, budget) and what the integers cost against floats."""
 
-import json
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from plane_fits import plane_fit, square_keys
+from plane_fits import plane_fit
 
 from texfcodec import EncodeOptions, decode
 from texfcodec.codecs.neural.design import POINTS, point_bytes
 from texfcodec.codecs.neural.fit import NO_SLOPE
-from texfcodec.codecs.neural.infer import infer
-from texfcodec.codecs.neural.payload import Tables, join_parameters, split_parameters
+from texfcodec.codecs.neural.payload import join_parameters, split_parameters
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.errors import InputError
 from texfcodec.metrics.psnr_3d import measure
 from texfcodec.precompile import small_scene
-
-
-def float_network(payload, position, tables, keys):
-    """The payload in float64 with its binary16 parameters, straight from clause 11: what a GPU computes. One level."""
-    grid = position / 2.0**24 * payload.levels[0].resolution - 0.5
-    base, inputs = np.floor(grid).astype(np.int64), np.zeros((len(position), payload.features))
-    from texfcodec.field.morton import encode_morton
-
-    total = np.zeros(len(position))
-    for q in range(8):
-        corner = base + [q & 1, (q >> 1) & 1, q >> 2]
-        weight = np.where([q & 1, (q >> 1) & 1, q >> 2], grid - base, 1 - (grid - base)).prod(axis=1)
-        inside = ((corner >= 0) & (corner < payload.levels[0].resolution)).all(axis=1)
-        key = encode_morton(np.where(inside[:, None], corner, 0))
-        row = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
-        weight = weight * (inside & (keys[row] == key))
-        inputs += weight[:, None] * (2 * payload.codes[row] + 1) / 16
-        total += weight
-    inputs /= np.maximum(total, 1e-9)[:, None]
-    waves = []
-    for octave in range(payload.octaves):
-        for axis in range(3):
-            phase = position[:, axis] / 2.0**24 * payload.first_wave / 2 * 2**octave
-            waves += [4 * np.abs(phase % 1 - 0.5) - 1, 4 * np.abs((phase + 0.25) % 1 - 0.5) - 1]
-    x = np.concatenate([inputs, np.stack(waves, axis=1)], axis=1)
-    weights, biases = split_parameters(payload.halves.view(np.float16).astype(np.float64), payload.widths)
-    for n, (w, b) in enumerate(zip(weights, biases, strict=True)):
-        x = x @ w.T + b
-        if n + 1 < len(weights):
-            x = np.where(x > 1.5, x, np.where(x < -1.5, 0, x * (x + 1.5) / 3))
-    return (x + 1) * 127.5
 
 
 def learn(fit, slope=NO_SLOPE):
@@ -152,15 +119,10 @@ def test_a_fit_that_diverges_is_named_and_writes_nothing(tmp_path, monkeypatch):
 
 
 def test_integers_cost_next_to_nothing_against_floats():
+    """Answers of the decoder's integers against the floats that the fit reckons with."""
     fit = plane_fit(threads=2)
-    payload = fit.run(600)
-    keys, position = square_keys(), fit.held_out.position
-    tables = Tables(payload, 0, [keys])
-    exact, floats = infer(position, tables) / 256.0, np.clip(float_network(payload, position, tables, keys), 0, 255)
-    assert np.abs(exact - floats).max() < 0.25  # 8 bits of a cell, 14 of an activation: a tolerance of clause 9 is 0.5
-    want = fit.held_out.target.astype(np.float64)
-    psnr = [10 * np.log10(255**2 / np.mean((got - want) ** 2)) for got in (exact, floats)]
-    assert psnr[0] > psnr[1] - 0.02 and psnr[1] > 25
+    fit.run(600)
+    assert fit.psnr(exact=True) > fit.psnr() - 0.05 and fit.psnr() > 25
 
 
 def test_parameters_survive_joining_and_splitting():
@@ -170,12 +132,6 @@ def test_parameters_survive_joining_and_splitting():
     biases = [random.standard_normal(o) for o in widths[1:]]
     again = split_parameters(join_parameters(weights, biases), widths)
     assert all(np.array_equal(a, b) for a, b in zip(weights + biases, again[0] + again[1], strict=True))
-
-
-@pytest.mark.parametrize("components", [3, 4])
-def test_alpha_is_an_output_like_the_others(components):
-    fit = plane_fit(components=components)
-    assert fit.run(20).widths[-1] == components
 
 
 # The whole way.
@@ -233,8 +189,8 @@ def test_other_forms_decode_to_what_the_encoder_promised(settings):
     assert texf.has_alpha and total.hexdigest() == made.reconstruction_sha256
 
 
-def test_the_transport_form_is_smaller_and_means_the_same(sample_scene):
-    plain, packed = (encoded(sample_scene, resident_bytes=60_000, transport=t)[0] for t in (False, True))
+def test_the_transport_form_is_smaller_and_means_the_same():
+    plain, packed = (encoded(small_scene(), resident_bytes=60_000, transport=t)[0] for t in (False, True))
     assert len(packed) < len(plain)
     assert all(np.array_equal(a.rgba, b.rgba) for a, b in zip(decode(plain).fields, decode(packed).fields, strict=True))
 
@@ -252,9 +208,3 @@ def test_pictures_and_queries_ask_the_payload_itself(sample_scene):
     voxels = render_texf(texf, camera, filtering=False)
     errors = [np.mean((picture.image().astype(float) - source.image()) ** 2) for picture in (shown, voxels)]
     assert errors[0] < 0.7 * errors[1]
-
-
-def test_facts_of_the_fit_are_json(sample_scene):
-    _, facts = encoded(sample_scene, resident_bytes=60_000, steps=20)
-    told = json.loads(json.dumps({"fit": facts["fit"], "resident": facts["resident"]}))
-    assert told["fit"]["steps"] == 20 and told["fit"]["log"][-1]["step"] == 20

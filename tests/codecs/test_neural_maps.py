@@ -12,7 +12,6 @@ from shapes import crossing_sheets
 from texfcodec import EncodeOptions, decode
 from texfcodec.codecs import codec_of
 from texfcodec.codecs.base import Source as CodecSource
-from texfcodec.codecs.neural import fit_samples as samples_module
 from texfcodec.codecs.neural.fit import Fit
 from texfcodec.codecs.neural.fit_samples import Samples, Source, component_weights
 from texfcodec.codecs.neural.payload import Level, Payload, Tables
@@ -206,11 +205,6 @@ def test_resident_bytes_count_the_outputs_of_all_channels(made):
     assert resident_bytes(payload, kept["index"]) == kept
 
 
-def test_the_same_seed_gives_the_same_stream():
-    one, two = (encode_scene(two_sheets(data=painted(2)), EncodeOptions(**OPTIONS, steps=15)) for _ in range(2))
-    assert one.data == two.data
-
-
 def test_the_report_tells_of_every_channel(made):
     told = json.loads(json.dumps(made.choices["fit"]))
     assert list(told["psnr_channels"]) == ["base_colour", "normal_object", "occlusion", "roughness", "metallic"]
@@ -223,10 +217,3 @@ def test_the_report_tells_of_every_channel(made):
 def test_pictures_leave_payloads_with_maps_alone_and_the_report_says_why():
     told = encode_scene(two_sheets(), EncodeOptions(**OPTIONS, steps=5, refine="render")).choices["refinement"]
     assert told["kind"] == "off" and "maps" in told["reason"]
-
-
-def test_many_threads_draw_the_same_of_maps(monkeypatch):
-    monkeypatch.setattr(samples_module, "CHUNK", 1000)
-    source = source_of(two_sheets(data=painted(4)))
-    drawn = [Source(source, threads).draw_busy(2345, [3, 0]) for threads in (1, 3)]
-    assert all(np.array_equal(a, b) for a, b in zip(vars(drawn[0]).values(), vars(drawn[1]).values(), strict=True))

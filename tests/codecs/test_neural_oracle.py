@@ -147,18 +147,6 @@ def test_a_position_outside_the_cube_is_no_question(outside):
         infer(np.array([[0, outside, 0]]), tables)
 
 
-@pytest.mark.parametrize("signs", [0, 1 << 15], ids=["positive", "negative"])
-def test_largest_parameters_and_latents_are_summed_like_by_the_oracle(signs):
-    payload = random_payload("largest", 4, [[1], [8], [1], []])
-    payload.halves[:] = (27 << 10) - 1 | signs
-    payload.codes[:] = 7
-    keys = [[[0]], [list(range(8))], [[2**39 - 1]], []]
-    positions = [[0, 0, 0], [LAST] * 3, [LAST, 0, 2**23], [2**22, 2**23, 2**21]]
-    tables = Tables(payload, 0, [np.array(own[0], np.int64) if own else None for own in keys])
-    oracle = oracle_of(payload, 0, 1, keys)
-    assert infer(np.array(positions), tables).tolist() == [oracle.answer(0, position) for position in positions]
-
-
 def test_hard_gelu_of_the_oracle_is_that_of_the_paper():
     for v in range(-40000, 40000, 7):
         x = v / 16384

@@ -14,14 +14,13 @@ from conftest import REPOSITORY
 from damage import ONE_THREAD, fields_of, outcome, repacked
 from interpreter import modules_after
 
-from texfcodec import DecodeOptions, LimitError, Limits, decode
+from texfcodec import DecodeOptions, Limits, decode
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import UNIT_ATTRIBUTE
 from texfcodec.bitstream.units import read_units
 from texfcodec.codecs.base import split_groups
 from texfcodec.codecs.neural.infer import BLOCK, LOCAL_BITS, _local, _rows_around, _weights, infer, infer_values, voxel_positions
 from texfcodec.codecs.neural.payload import Tables
-from texfcodec.field.voxels import VoxelSupport
 
 VECTORS = REPOSITORY / "conformance"
 FORMS = ("subset/neural_resident", "subset/neural_transport")
@@ -156,17 +155,6 @@ def test_with_bounds_checked_no_damaged_payload_reads_outside_an_array(tmp_path)
 # Limits
 
 
-@pytest.mark.parametrize("name", ["subset/neural_resident", "subset/neural_hash", "uncommon/neural_levels"])
-def test_latents_over_the_limit_are_refused_and_at_the_limit_decoded(name):
-    unit = read_stream(stream(name), Limits()).joint
-    latents = sum(level["NumRows"] for level in unit["latent_levels"]) * unit["num_features"]
-    assert decode(stream(name), DecodeOptions(limits=Limits(latents=latents))).evaluators
-    with pytest.raises(LimitError) as caught:
-        decode(stream(name), DecodeOptions(limits=Limits(latents=latents - 1)))
-    assert caught.value.code == "TXF-L10" and caught.value.exit_code == 6
-    assert caught.value.details | {"value": latents, "allowed": latents - 1} == caught.value.details
-
-
 def test_large_tables_are_refused_before_memory_is_asked_for():
     """2**24 rows of 8 latents, of which the transport form needs no byte in the stream."""
     data = stream("uncommon/neural_ones_codeword")
@@ -263,12 +251,6 @@ def test_wrong_values_are_refused_at_every_level_of_detail():
         assert outcome(data, DecodeOptions(lod=lod)) == "TXF-S32"
 
 
-def test_means_of_whole_and_half_values_round_up():
-    rows = np.array([[0], [1], [255], [255], [3]], np.uint8)
-    support = VoxelSupport(4, np.array([0, 7, 8, 9, 63], np.int64))
-    assert support.coarser(1).keys.tolist() == [0, 1, 7] and support.mean(rows, 1).tolist() == [[1], [255], [3]]
-
-
 @pytest.mark.parametrize("threads", [2, 5])
 @pytest.mark.parametrize("name", ["subset/neural_transport", "uncommon/neural_two_fields", "uncommon/neural_needle"])
 def test_any_number_of_threads_gives_the_same_bytes(name, threads):
@@ -295,9 +277,3 @@ def test_decoding_and_asking_load_neither_torch_nor_the_fit():
     fitting = (f"texfcodec.codecs.neural.{name}" for name in ("fit", "train", "samples", "design"))
     strangers = {"torch", "texfcodec.encoder.encode", *fitting}
     assert "texfcodec.codecs.neural.infer" in modules and strangers.isdisjoint(modules)
-
-
-def test_inspecting_loads_no_kernels():
-    path = str(VECTORS / "subset" / "neural_hash" / "in.texf")
-    modules, _ = modules_after(f"from pathlib import Path; from texfcodec import inspect; inspect(Path({path!r}).read_bytes())")
-    assert "texfcodec.bitstream.inspect" in modules and not {"numba", "texfcodec.codecs.neural.payload"} & set(modules)

@@ -10,8 +10,6 @@ import pytest
 from PIL import Image
 
 from conformance.reference.attributes import decode_values
-from texfcodec.bitstream.stream import Stream, attribute_variables
-from texfcodec.bitstream.syntax import SUPPORT_TEXELS, SUPPORT_VOXELS
 from texfcodec.codecs.raht import attribute_coder, tool_choice
 from texfcodec.codecs.raht.attribute_coder import CodedAttributes, Tools, dec_attributes, enc_attributes
 from texfcodec.codecs.raht.coefficients.dct_blocks import jpeg_likeness
@@ -189,13 +187,6 @@ def test_planar_residuals_keep_their_bound_and_decode_as_by_the_naive_decoder(de
     assert made.tobytes() == decoded_image(keys, 5, coded).tobytes() == decode_values(naive_unit(coded, 5), keys.tolist())
 
 
-def test_bytes_do_not_depend_on_threads():
-    keys = island_keys(6)
-    with sliced():
-        one, two = (coded_image(keys, 6, texture(keys, 3), Tools(models=8, filters=2, **ALL), threads=t) for t in (1, 3))
-    assert one[0].codewords == two[0].codewords and len(one[0].codewords) > 2 and np.array_equal(one[1], two[1])
-
-
 @pytest.mark.parametrize("tool", ["planar_transform", "component_cross"])
 def test_each_tool_saves_bytes_on_stripes_whose_components_go_together(tool):
     """Bits and error, weighed as the encoder weighs them."""
@@ -241,13 +232,6 @@ def test_parameters_out_of_range_are_refused(name, value):
     with pytest.raises(TexfError) as caught:
         read_structure(RAHT, Reader(bytes(data), 0, len(data)), dict(around))
     assert caught.value.code == ("TXF-U09" if name == "planar_transform" else "TXF-S04")
-
-
-def test_units_are_planar_where_their_field_is_over_texels():
-    fields = [{"support": SUPPORT_VOXELS, "resolution": 4}, {"support": SUPPORT_TEXELS, "width": 5, "height": 9}]
-    stream = Stream({"channel_groups": [{"group_components": 3, "group_semantics": [0]}]}, fields=fields)
-    voxels, texels = (attribute_variables(stream, {"field_index": i, "group_index": 0, "level_shift": 0}) for i in range(2))
-    assert (voxels["Planar"], voxels["resolution"], texels["Planar"], texels["resolution"]) == (0, 4, 1, 9)
 
 
 def test_halved_gain_gives_sum_and_difference_of_a_rotated_pair():

@@ -1,6 +1,5 @@
 """RAHT: kernels against oracles, the error of the fixed-point transform, and round trips of the codec."""
 
-import math
 from fractions import Fraction
 from itertools import pairwise
 
@@ -16,7 +15,6 @@ from texfcodec.codecs.raht.codewords import codeword_count, level_count
 from texfcodec.codecs.raht.coefficients.blocks import _plane_energy
 from texfcodec.codecs.raht.entropy.contexts import (
     CONTEXTS,
-    _class,
     _classes,
     _dec_magnitude,
     _enc_magnitude,
@@ -25,7 +23,6 @@ from texfcodec.codecs.raht.entropy.contexts import (
 )
 from texfcodec.codecs.raht.entropy.range_coder import (
     PENDING,
-    POS,
     _dec_bit,
     _dec_bypass,
     _enc_bit,
@@ -39,9 +36,8 @@ from texfcodec.codecs.raht.transform.colour import forward_colour, forward_plain
 from texfcodec.codecs.raht.transform.octree import Nodes, Octree, build_octree
 from texfcodec.codecs.raht.transform.prediction import DEFAULT_KERNEL, Means, _predict, inverse_range
 from texfcodec.codecs.raht.transform.quantise import MAX_DIFFERENCE, MAX_MEAN, STEP_TABLE, _dequantise, step_of
-from texfcodec.codecs.raht.transform.raht import _forward, _inverse, _tree_weights, _weighted_mean
+from texfcodec.codecs.raht.transform.raht import _inverse, _tree_weights, _weighted_mean
 from texfcodec.errors import StreamError
-from texfcodec.field.extents import octree_depth
 from texfcodec.field.morton import encode_morton
 
 ULP_PER_LEVEL = 2  # three split roundings and one of the prediction's mean, half a unit each
@@ -113,11 +109,6 @@ def test_a_table_that_another_thread_has_made_meanwhile_stays():
     assert octree.table(5) is deeper[0] and octree.table(5).tolist() == Octree(octree.keys, 6).table(5).tolist()
 
 
-@pytest.mark.parametrize("resolution,depth", [(1, 0), (2, 1), (3, 2), (4, 2), (5, 3), (1024, 10), (1025, 11), (8192, 13)])
-def test_octree_depth_is_the_rounded_up_logarithm(resolution, depth):
-    assert octree_depth(resolution) == depth == math.ceil(math.log2(resolution))
-
-
 def test_codeword_and_level_counts_follow_the_slicing():
     assert [codeword_count(*a) for a in ((0, 0, 1), (5, 0, 1), (5, 3, 4))] == [0, 1, 5]
     assert [level_count(*a) for a in ((5, 0, 0), (5, 3, 0), (5, 3, 1))] == [5, 3, 2]
@@ -170,15 +161,10 @@ MAGNITUDE = st.one_of(st.integers(-(1 << 25), 1 << 25), st.integers(-20, 20))
 
 @settings(deadline=None, max_examples=400)
 @given(MAGNITUDE, st.integers(0, 63), WEIGHT, WEIGHT)
-def test_differences_are_the_oracles_and_near_the_exact_ones(q, qp, w1, w2):
-    """Off by at most half a unit and the part in gain that its rounding down loses; clipped below 2**22."""
+def test_differences_are_the_oracles(q, qp, w1, w2):
+    """How far they are off stands in test_transform_bounds.py."""
     got = int(_dequantise(q, step_of(qp), w1, w2))
-    assert got == oracles.dequantise(q, step_of(qp), w1, w2)
-    assert abs(got) <= MAX_DIFFERENCE
-    if abs(got) < MAX_DIFFERENCE and abs(q) < 1 << 22:
-        exact = math.sqrt(oracles.exact_difference_squared(q, step_of(qp), w1, w2))
-        gain = math.sqrt((w1 + w2) / (w1 * w2)) * 2**17
-        assert exact * (1 - 1 / gain) - 0.51 <= abs(got) <= exact + 0.51
+    assert got == oracles.dequantise(q, step_of(qp), w1, w2) and abs(got) <= MAX_DIFFERENCE
 
 
 # Transform
@@ -228,22 +214,6 @@ def test_a_block_without_coefficients_keeps_its_mean_within_half_an_ulp(weights,
     assert abs(sum(Fraction(weights[o] * got[o], total) for o in weights) - mean) <= Fraction(1, 2)
 
 
-@settings(deadline=None, max_examples=100)
-@given(BLOCK, st.lists(st.integers(-(1 << 20), 1 << 20), min_size=8, max_size=8), st.integers(0, 63))
-def test_forward_coefficients_are_orthonormal_to_a_billionth_and_large_ones_in_units_of_the_decoders_gain(weights, residual, qp):
-    """From 4096 voxels on the encoder divides by the gain that the decoder multiplies by, which is rounded down."""
-    scaled, tree = np.zeros((7, 1)), oracles.tree_weights(weights)
-    _forward(tree_of(weights), np.array(residual, np.float64)[:, None], 0, np.zeros(15), scaled, float(step_of(qp)))
-    expected = oracles.forward(weights, by_octant(residual, weights))
-    for node in range(7):
-        sign, square = expected.get(node, (0, Fraction(0)))
-        exact = sign * math.sqrt(square) / step_of(qp)
-        if expected.get(node) and tree[node] >= 4096:
-            gain = (tree[node] << 34) / (tree[2 * node + 1] * tree[2 * node + 2])
-            exact *= math.sqrt(gain) / math.isqrt(int(gain))
-        assert scaled[node, 0] == pytest.approx(exact, rel=1e-9, abs=1e-6)
-
-
 # Range coder
 
 
@@ -268,21 +238,6 @@ def assert_decodes(data, symbols):
         else:
             assert _dec_bit(state, buffer, 1 + len(data), contexts, ctx) == bit == plain.bit(ctx)
     assert contexts.tolist() == [list(plain.contexts.get(ctx, FRESH)) for ctx in range(8)]
-
-
-@settings(deadline=None, max_examples=100)
-@given(st.lists(st.tuples(st.one_of(st.none(), st.integers(0, 7)), st.integers(0, 1)), max_size=400))
-def test_any_bits_in_any_contexts_come_back_from_kernel_and_oracle(symbols):
-    assert_decodes(coded(symbols)[0], symbols)
-
-
-@pytest.mark.parametrize("bits", [[0] * 5000, [1] * 5000, [0, 1] * 2000, [0] * 3000 + [1] * 50 + [0] * 3000, [1] * 300 + [0] * 9])
-def test_the_most_skewed_bits_come_back_and_cost_next_to_nothing(bits):
-    symbols = [(0, b) for b in bits]
-    data, _ = coded(symbols)
-    assert_decodes(data, symbols)
-    if len(set(bits)) == 1:
-        assert len(data) <= 5000 * -math.log2(1 - 24 / 65536) / 8 + 20
 
 
 @pytest.mark.parametrize("target", [b"\x80", b"\x40", b"\x01\x23\x45\x67\x89\xab\xcd\xef\x80"])
@@ -362,11 +317,6 @@ def test_the_price_of_a_magnitude_is_its_bins_in_fresh_contexts(magnitude):
 # Surroundings and energies
 
 
-def test_energy_classes_are_the_specifications():
-    limits = [0, 1, 3, 6, 12, 28]
-    assert [_class(e) for e in range(256)] == [sum(e > limit for limit in limits) for e in range(256)]
-
-
 @pytest.mark.parametrize("planar", [0, 1])
 @pytest.mark.parametrize("seed", range(3))
 def test_surroundings_are_the_oracles_for_every_block_and_plane(seed, planar):
@@ -434,87 +384,16 @@ def test_the_decoder_has_what_the_encoder_predicts_at_depth(depth, components):
     assert len(coded_unit.codewords) == (1 if depth else 0) and [len(b) for b in coded_unit.level_bytes] == [depth] * (depth > 0)
 
 
-@pytest.mark.parametrize("qp", [0, 4, 28, 51, 63])
+@pytest.mark.parametrize("qp", [0, 10, 63])
 @pytest.mark.parametrize("components", [1, 3])
-def test_every_level_keeps_the_root_mean_within_two_ulp_a_level(qp, components):
+def test_every_node_is_the_mean_of_its_voxels_within_two_ulp_a_level(components, qp):
     keys, depth = surface_keys(5), 5
     values = smooth_values(keys, components)
-    coded_unit, _ = round_trip(keys, depth, values, [qp] * components)
-    exact_mean = values.astype(np.int64).sum(axis=0) / len(keys)
-    assert np.abs(np.array(coded_unit.root) - exact_mean).max() <= 0.5
+    coded_unit, voxels = round_trip(keys, depth, values, [qp] * components)
+    assert np.abs(np.array(coded_unit.root) - values.astype(np.int64).mean(axis=0)).max() <= 0.5
     for stop in range(depth + 1):
-        means = decode(keys, depth, coded_unit, stop)
-        _, weight = node_sums(values, keys, 3 * (depth - stop))
-        drift = (means.astype(np.int64) * weight).sum(axis=0) / len(keys) - np.array(coded_unit.root)
-        assert np.abs(drift).max() <= ULP_PER_LEVEL * stop
-
-
-@pytest.mark.parametrize("stop", range(5))
-def test_every_node_is_the_mean_of_its_voxels_within_two_ulp_a_level(stop):
-    keys, depth = surface_keys(5), 5
-    coded_unit, voxels = round_trip(keys, depth, smooth_values(keys, 3), [10] * 3)
-    sums, weight = node_sums(voxels, keys, 3 * (depth - stop))
-    means = decode(keys, depth, coded_unit, stop)
-    assert np.abs(sums / weight - means).max() <= ULP_PER_LEVEL * (depth - stop)
-
-
-def test_a_tree_of_thirteen_levels_without_residual_drifts_by_less_than_seven_ulp():
-    """QP 63 leaves no coefficient of these values: half an ulp per level."""
-    keys = random_keys(np.random.default_rng(5), 13, 3000)
-    values = (100 * UNIT + np.random.default_rng(6).integers(-UNIT, UNIT, (len(keys), 1))).astype(np.int32)
-    coded_unit, means = round_trip(keys, 13, values, [63])
-    assert sum(map(len, coded_unit.codewords)) <= 120
-    assert abs(means.astype(np.int64).sum() / len(keys) - coded_unit.root[0]) <= 6.5
-
-
-@pytest.mark.parametrize("depth", [1, 5, 13])
-@pytest.mark.parametrize("value", [0, 1, 255])
-def test_constant_values_come_back_exactly_in_a_few_bytes(depth, value):
-    keys = random_keys(np.random.default_rng(depth), depth, 2000)
-    values = np.full((len(keys), 3), value * UNIT, np.int32)
-    coded_unit, means = round_trip(keys, depth, values, [28] * 3)
-    assert (means == value * UNIT).all()
-    assert sum(map(len, coded_unit.codewords)) <= 100
-
-
-@pytest.mark.parametrize("qp,bound", [(0, 2), (4, 3), (16, 8)])
-@pytest.mark.parametrize("base,spike", [(0, 255), (255, 0), (100, 101)])
-def test_a_single_outlier_comes_back_within_a_few_levels_and_nothing_else_moves_far(qp, bound, base, spike):
-    keys = surface_keys(5)
-    values = np.full((len(keys), 1), base * UNIT, np.int32)
-    values[len(keys) // 3] = spike * UNIT
-    _, means = round_trip(keys, 5, values, [qp])
-    assert np.abs(means - values).max() <= bound * UNIT
-
-
-@pytest.mark.parametrize("qp", [0, 63])
-@pytest.mark.parametrize("components", [1, 3])
-def test_extreme_steps_on_noise_of_full_range_stay_in_step(qp, components):
-    keys = surface_keys(5)
-    values = (np.random.default_rng(qp).integers(0, 2, (len(keys), components)) * 255 * UNIT).astype(np.int32)
-    _, means = round_trip(keys, 5, values, [qp] * components)
-    assert np.abs(means).max() <= MAX_MEAN
-    if qp == 0:
-        assert np.abs(means - values).max() <= 2 * UNIT
-
-
-def test_qp_4_which_is_step_1_errs_by_at_most_4_levels_on_noise():
-    """Half a step a coefficient, and what rate-distortion optimisation takes: 3.0 measured."""
-    keys = surface_keys(5)
-    for values in (smooth_values(keys, 3), np.random.default_rng(2).integers(0, 256, (len(keys), 3)).astype(np.int32) * UNIT):
-        _, means = round_trip(keys, 5, values, [4] * 3)
-        assert np.abs(means - values).max() <= 4 * UNIT
-        assert np.abs(means - values).mean() <= 0.5 * UNIT
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 9])
-@pytest.mark.parametrize("depth", [0, 1, 7, 13])
-def test_very_few_voxels_come_back(count, depth):
-    keys = random_keys(np.random.default_rng(count), depth, count)
-    values = np.random.default_rng(7).integers(0, 255 * UNIT, (len(keys), 3)).astype(np.int32)
-    coded_unit, means = round_trip(keys, depth, values, [4] * 3)
-    assert np.abs(means - values).max() <= 3 * UNIT
-    assert depth or (b"".join(coded_unit.codewords) == b"" and means.tolist() == [coded_unit.root])
+        sums, weight = node_sums(voxels, keys, 3 * (depth - stop))
+        assert np.abs(sums / weight - decode(keys, depth, coded_unit, stop)).max() <= ULP_PER_LEVEL * (depth - stop)
 
 
 @settings(deadline=None, max_examples=40)
@@ -603,9 +482,3 @@ def test_a_voxels_transform_does_not_depend_on_the_other_voxels():
 def test_plain_values_come_back_and_are_clipped():
     np.testing.assert_array_equal(inverse_plain(forward_plain(np.arange(256)[:, None]))[:, 0], np.arange(256))
     assert inverse_plain(np.array([[-MAX_MEAN], [MAX_MEAN], [2047], [2048]], np.int32))[:, 0].tolist() == [0, 255, 0, 1]
-
-
-def test_positions_of_a_fresh_decoder_are_past_its_first_four_bytes():
-    data = np.frombuffer(b"\x01\x02\x03\x04\x05", np.uint8)
-    assert int(new_decoder(data, 0, 5)[POS]) == 4 and int(new_decoder(data, 0, 5)[0]) == 0x01020304
-    assert int(new_decoder(data, 3, 5)[0]) == 0x04050000

@@ -17,7 +17,7 @@ from conftest import REPOSITORY
 from damage import attribute_ending as ending
 from shapes import crossing_sheets
 
-from conformance.reference.attributes import RangeDecoder, decode_values
+from conformance.reference.attributes import decode_values
 from conformance.reference.bits import units_of
 from conformance.reference.decoder import decode as naive_decode
 from conformance.reference.syntax import read_stream as naive_stream
@@ -30,7 +30,7 @@ from texfcodec.codecs.raht import attribute_coder, tool_choice
 from texfcodec.codecs.raht.attribute_coder import Tools, enc_attributes
 from texfcodec.codecs.raht.entropy import mixing
 from texfcodec.codecs.raht.entropy.mixing import MAX_MODELS, _mixed_bit, _mixed_probability, new_chosen, new_model
-from texfcodec.codecs.raht.entropy.range_coder import Coder, finish, new_decoder, new_encoder
+from texfcodec.codecs.raht.entropy.range_coder import Coder, new_encoder
 from texfcodec.codecs.raht.raht_values import raht_values
 from texfcodec.codecs.raht.transform import filter as filter_room
 from texfcodec.codecs.raht.transform import rings as rings_room
@@ -100,38 +100,6 @@ def test_any_state_gives_the_oracles_probability_and_next_state_for_3000_bits():
         assert (model.weights[:, m:MAX_MODELS] == before.weights[:, m:MAX_MODELS]).all()
         seen.add(p)
     assert {8, 65528} <= seen and len(seen) > 200
-
-
-@pytest.mark.parametrize("ones", [0.0, 0.03, 0.5, 0.999])
-@pytest.mark.parametrize("models", [1, 6, 8])
-def test_2000_mixed_bits_are_read_alike_by_the_kernel_and_the_naive_decoder(models, ones):
-    """States go on from bit to bit; every third bit uses four models at most, as signs do."""
-    rng, choices = np.random.default_rng(models), []
-    for i in range(2000):
-        numbers = rng.integers(4, size=min(models, 4) if i % 3 == 0 else models).tolist()
-        bit = int(rng.random() < ones) ^ (numbers[0] & 1 if 0.0 < ones < 0.9 else 0)
-        choices.append((numbers, (int(rng.integers(2)), 2 + int(rng.integers(3)), int(rng.integers(2))), bit))
-    chosen, out = new_chosen(), np.empty(9000, np.uint8)
-
-    def walk(encoding, state, buffer, end, model):
-        for numbers, kinds, bit in choices:
-            m, chosen.sets[:] = len(numbers), kinds
-            chosen.where[:m] = [4 * i + number for i, number in enumerate(numbers)]
-            yield int(_mixed_bit(encoding, Coder(state, buffer, end), model, m, chosen, bit if encoding else 0))
-
-    state, coder, reader = new_encoder(), *(new_model(4 * MAX_MODELS, 5, 2) for _ in range(2))
-    bits = list(walk(True, state, out, 0, coder))
-    data = finish(state, out)
-    buffer = np.frombuffer(data + b"\x55", np.uint8).copy()
-    again = list(walk(False, new_decoder(buffer, 0, len(data)), buffer, len(data), reader))
-    assert bits == [bit for *_, bit in choices] == again
-    assert all((a == b).all() for a, b in zip(coder, reader, strict=True))
-    plain, table = RangeDecoder(data), oracles.mixing.MixedTable(models)
-    assert [table.bit(plain, 0, numbers, *kinds) for numbers, kinds, _ in choices] == bits
-    assert reader.refinement.tolist() == table.refinements[:2]
-    assert [weight_set(reader, s, models) for s in range(5)] == [(w.weight, w.count) for w in table.weight_sets[:5]]
-    assert all(tuple(reader.contexts[4 * i + n].tolist()) == c for (_, i, n), c in table.contexts.items())
-    assert 0.0 < ones < 0.9 or len(data) < 60
 
 
 # Falloff, filter, threads

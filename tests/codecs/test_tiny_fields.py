@@ -67,7 +67,7 @@ def test_tiny_fields_are_filtered_where_a_bit_is_cheap(planar):
     assert not coded.filters
 
 
-@pytest.mark.parametrize("delta", [0, 4])
+@pytest.mark.parametrize("delta", [0, 1, 4, 127])
 @pytest.mark.parametrize("components", [1, 2, 3])
 @pytest.mark.parametrize("planar", [{}, PLANAR])
 def test_no_value_of_a_tiny_field_is_further_off_than_its_bound(components, delta, planar):

@@ -4,17 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, Builder, encoded, load_bytes, refusal, textured
-from PIL import Image
-from shapes import mapped_sheet, noise, plain_image
+from mesh_files import SQUARE, TWO, Builder, encoded, load_bytes, textured
+from shapes import mapped_sheet, noise
 
 from texfcodec.api import decode, encode
-from texfcodec.bitstream.stream import read_stream, write_stream
 from texfcodec.encoder.encode import encode_scene
-from texfcodec.errors import InputError, StreamError, TexfError
-from texfcodec.limits import Limits
+from texfcodec.errors import InputError, TexfError
 from texfcodec.options import EncodeOptions
-from texfcodec.scene.channels import LARGEST, MAPS, PARAMETERS
+from texfcodec.scene.channels import LARGEST, PARAMETERS
 from texfcodec.scene.scene import ALPHA_OPAQUE
 
 QUICK = {"resolution": 32, "qp": 24}
@@ -31,62 +28,7 @@ def refused(scene):
     return caught.value
 
 
-# Images.
-
-
-def forms():
-    grey = np.random.default_rng(3).integers(0, 256, (8, 8), np.uint8)
-    palette = Image.fromarray(grey).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE)
-    return {"grey": (encoded(grey), grey), "grey with alpha": (encoded(np.dstack([grey, 255 - grey])), grey),
-            "16 bits": (encoded(Image.fromarray(grey.astype(np.uint16) * 256 + 77)), grey),
-            "palette": (encoded(palette), np.asarray(palette.convert("RGB"))[..., 0]),
-            "1 bit": (encoded(Image.fromarray(grey).point(lambda v: 255 * (v > 99), "1")), np.where(grey > 99, 255, 0)),
-            "RGB": (encoded(np.dstack([grey] * 3)), grey)}
-
-
-@pytest.mark.parametrize("form", forms())
-def test_maps_in_any_form_of_png_have_the_same_values(tmp_path, form):
-    data, grey = forms()[form]
-    builder = textured()
-    slot = {"index": builder.texture(data)}
-    builder.tree["materials"][0] |= {"occlusionTexture": slot, "emissiveTexture": slot, "emissiveFactor": [1, 1, 1]}
-    builder.tree["materials"][0]["pbrMetallicRoughness"]["metallicRoughnessTexture"] = slot
-    scene = load_bytes(tmp_path, builder, strict=True)
-    assert len(scene.textures) == 2 and set(scene.materials[0].maps.values()) == {1}
-    part = coded(scene, support="texels", max_error=0, qp=None).fields[0]
-    support = part.support_of("roughness")
-    xy = support.xy()
-    for name in ("occlusion", "roughness", "metallic"):
-        assert part.support_of(name).size == (8, 8) and np.array_equal(part.planes[name][:, 0], grey[xy[:, 1], xy[:, 0]])
-    assert (np.ptp(part.planes["emissive"], axis=1) == 0).all()
-
-
-def test_maps_of_different_sizes_in_one_material(tmp_path):
-    builder = textured()
-    sizes = {"occlusionTexture": 7, "normalTexture": 33, "emissiveTexture": 16}
-    for slot, side in sizes.items():
-        builder.tree["materials"][0][slot] = {"index": builder.texture(encoded(noise(side, side, side)[..., :3]))}
-    builder.tree["materials"][0]["emissiveFactor"] = [1, 1, 1]
-    scene = load_bytes(tmp_path, builder, strict=True)
-    for support in ("texels", "voxels"):
-        texf = coded(scene, support=support)
-        assert set(texf.materials[0].maps) == {"occlusion", "normal", "emissive"}
-        assert {c.material_name for c in texf.channels} == {"base_colour", "occlusion", "normal", "emissive"}
-    assert coded(scene, support="texels").fields[0].support.size == (33, 33)
-
-
-@BOTH
-def test_a_map_that_cannot_be_read_leaves_the_factor(tmp_path, support):
-    builder = textured()
-    builder.tree["images"].append({"uri": "nowhere.png"})
-    broken = {"index": builder.add("textures", {"source": 1})}
-    builder.tree["materials"][0] |= {"normalTexture": broken, "emissiveTexture": broken, "emissiveFactor": [0, 0.5, 0]}
-    scene = load_bytes(tmp_path, builder)
-    assert sorted(scene.warnings) == ["texture file 'nowhere.png' is missing or unreadable; "
-                                      f"{name} is drawn without it (TXF-I16)" for name in ("emissive", "normal")]
-    material = coded(scene, support=support).materials[0]
-    assert material.maps == {} and material.parameters == {"emissive": (0.0, 0.5, 0.0)}
-    assert refusal(tmp_path, builder, strict=True).code == "TXF-I16"
+# Alpha, and normal maps.
 
 
 def test_alpha_without_an_alpha_mode_is_not_seen():
@@ -94,26 +36,6 @@ def test_alpha_without_an_alpha_mode_is_not_seen():
     clear[..., 3] = noise(1)[..., 0]
     texf = coded(mapped_sheet({"roughness": noise(2)}, clear, factor=np.array([1, 1, 1, 0.25])), support="texels")
     assert not texf.has_alpha and texf.materials[0].alpha_mode == ALPHA_OPAQUE and (texf.fields[0].rgba[:, 3] == 255).all()
-
-
-# Normals and tangents.
-
-
-@BOTH
-@pytest.mark.parametrize("bad", [[0, 0, 0], [np.nan, 0, 1], [np.inf, 0, 0], [1e-30, 0, 0]])
-def test_broken_normals_and_tangents_are_mended_and_coded(tmp_path, support, bad):
-    normal, tangent = np.tile(np.float32([0, 0, 1]), (4, 1)), np.tile(np.float32([1, 0, 0, 1]), (4, 1))
-    normal[1], tangent[2, :3], tangent[3, 3] = bad, bad, 0
-    builder = Builder()
-    material = builder.material(builder.texture(encoded(RED_BLUE)))
-    builder.tree["materials"][0]["normalTexture"] = {"index": builder.texture(encoded(noise(1, 8, 8)[..., :3]))}
-    builder.primitive(uv=SQUARE_UV, material=material,
-                      attributes={"NORMAL": builder.accessor(normal), "TANGENT": builder.accessor(tangent)})
-    scene = load_bytes(tmp_path, builder, strict=True)
-    assert np.isfinite(scene.corner_normal).all() and np.isfinite(scene.corner_tangent).all()
-    assert len(scene.remarks) == 1 and scene.warnings == scene.dropped == []
-    texf = coded(scene, support=support)
-    assert set(texf.materials[0].maps) == {"normal"} and np.isfinite(texf.shading_normals()).all()
 
 
 @BOTH
@@ -187,9 +109,6 @@ def test_huge_numbers_of_a_file_are_the_largest_that_a_stream_holds(tmp_path):
     builder.tree["materials"][0] |= {"emissiveFactor": [1e300, -1e300, 1e-60]}
     scene = load_bytes(tmp_path, builder)
     assert scene.materials[0].parameters == {"emissive": (LARGEST, -LARGEST, 0.0)}
-    for wrong in ("bright", [1, 2], [1, 2, None], 10**400, {}):
-        builder.tree["materials"][0]["emissiveFactor"] = wrong
-        assert refusal(tmp_path, builder).code == "TXF-I09"
 
 
 @pytest.mark.parametrize("slot, wrong", [
@@ -197,7 +116,8 @@ def test_huge_numbers_of_a_file_are_the_largest_that_a_stream_holds(tmp_path):
     ("occlusionTexture", {"index": 0, "strength": []}), ("occlusionTexture", []), ("normalTexture", {"texCoord": 0}),
     ("extensions", []), ("extensions", {"KHR_materials_clearcoat": 3}),
     ("extensions", {"KHR_materials_sheen": {"sheenColorFactor": [1]}}),
-    ("extensions", {"KHR_materials_ior": {"ior": None}}), ("alphaMode", 3), ("alphaCutoff", "x"), ("doubleSided", 1)], ids=str)
+    ("extensions", {"KHR_materials_ior": {"ior": None}}), ("alphaMode", 3), ("alphaCutoff", "x"), ("doubleSided", 1),
+    ("emissiveFactor", [1, 2, None]), ("emissiveFactor", 10**400)], ids=str)
 def test_bent_materials_load_or_end_in_a_code(tmp_path, slot, wrong):
     builder = textured()
     builder.tree["materials"][0][slot] = wrong
@@ -206,22 +126,4 @@ def test_bent_materials_load_or_end_in_a_code(tmp_path, slot, wrong):
     except TexfError as error:
         assert error.code == "TXF-I09"
         return
-    assert len(scene.faces) == 2 and coded(scene).materials[0].double_sided is False
-
-
-# Streams whose tables lie.
-
-
-@pytest.mark.parametrize("lie", ["channel that no group holds", "group that no material names", "twice"])
-def test_tables_of_channels_that_lie_are_refused(lie):
-    scene = mapped_sheet({"roughness": noise(1)}, plain_image(9))
-    stream = read_stream(encode_scene(scene, EncodeOptions(support="voxels", **QUICK)).data, Limits())
-    if lie == "channel that no group holds":
-        stream.materials[0]["material_channels"] |= 1 << next(c.semantic for c in MAPS if c.name == "occlusion")
-    elif lie == "group that no material names":
-        stream.materials[0]["material_channels"] = 0
-    else:
-        stream.header["channel_groups"][1] = stream.header["channel_groups"][0]
-    with pytest.raises(StreamError) as caught:
-        decode(write_stream(stream)[0])
-    assert caught.value.code in ("TXF-S04", "TXF-S07", "TXF-S11", "TXF-S14")
+    assert len(scene.faces) == 2 and scene.materials[0].double_sided is False

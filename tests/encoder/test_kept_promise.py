@@ -165,13 +165,6 @@ def test_one_face_with_far_uvs_ends_no_encode(away, wrap, support):
     assert len(texf.faces) > 100
 
 
-@pytest.mark.parametrize("times", [1500, 40000])
-def test_a_ground_that_is_tiled_often_is_coded(times):
-    scene = wall(smooth_image(1024, 1024), n=4, low=0, high=times)
-    made = encode_scene(scene, EncodeOptions(rate="r01", effort="fast"))
-    assert decode(made.data).faces.shape == scene.faces.shape
-
-
 def test_a_stream_is_no_larger_than_its_source_where_the_quality_is_the_encoder_s_to_choose(monkeypatch):
     monkeypatch.setitem(RATES, "r04", (128, 24))  # so that this takes seconds
     scene = wall(noisy(64, 30), n=6, high=20)

@@ -1,6 +1,5 @@
 """What the encoder makes of flat faces, of layers in the same voxels, and of alpha when it splits a surface into fields."""
 
-import time
 
 import numpy as np
 import pytest
@@ -72,21 +71,6 @@ def test_flat_faces_leave_the_stream_as_it_is_without_them(base, kind):
     options = EncodeOptions(resolution=32, qp=28, effort="fast")
     positions, faces = joined(good, flat)
     assert encode_scene(scene_of(positions, faces), options).data == encode_scene(scene_of(*good), options).data
-
-
-def test_flat_faces_cost_no_time():
-    """466 of 478 faces; processor time of three runs each, the least counts. Before, the flat ones got fields of their own."""
-    good, seconds = sheets([0, 0.001, 0.4, 0.401, 0.8, 0.801]), {}
-    both = joined(good, segments(466, False))
-    colours = {len(p): np.random.default_rng(0).uniform(0, 1, (len(p), 4)) for p in (good[0], both[0])}
-    for name, (positions, faces) in {"warm": good, "good": good, "all": both}.items():
-        scene, taken = scene_of(positions, faces, colours[len(positions)]), []
-        for _ in range(3):
-            begin = time.process_time()
-            encode_scene(scene, EncodeOptions(resolution=128, qp=28))
-            taken.append(time.process_time() - begin)
-        seconds[name] = min(taken)
-    assert seconds["all"] <= 1.3 * seconds["good"] + 0.05
 
 
 def test_a_flat_face_that_closes_a_gap_stays():

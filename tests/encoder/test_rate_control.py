@@ -10,8 +10,6 @@ from scipy.ndimage import gaussian_filter
 from shapes import painted_sphere
 
 from texfcodec import EncodeOptions, InputError, Report, decode, inspect
-from texfcodec.api import encode_loaded
-from texfcodec.codecs.base import Group
 from texfcodec.encoder.caches import Caches
 from texfcodec.encoder.dry_run import estimate
 from texfcodec.encoder.encode import Encoder, encode_scene
@@ -35,7 +33,6 @@ from texfcodec.encoder.write import write
 from texfcodec.metrics.psnr_3d import measure
 from texfcodec.metrics.views import Look, compare_views
 from texfcodec.render.environment import DAYLIGHT
-from texfcodec.scene.channels import ALPHA, BASE_COLOUR
 from texfcodec.scene.scene import ALPHA_BLEND, Material, Scene, Texture
 
 SAMPLES = 20_000
@@ -129,13 +126,6 @@ def test_a_target_between_what_two_plans_reach_is_met_by_the_better_one(sheet, m
     search.run()
     assert target <= search.best.psnr <= target + OVER
     assert len(made) <= 4 and len(search.trials) <= 8
-
-
-def test_what_a_psnr_is_of_needs_a_psnr():
-    with pytest.raises(InputError, match="has no effect without target_psnr"):
-        EncodeOptions(target_psnr_of="lit")
-    with pytest.raises(InputError, match="unknown target psnr of"):
-        EncodeOptions(target_psnr=30.0, target_psnr_of="shiny")
 
 
 def test_a_fraction_of_a_qp_is_between_two_qps(ribbon):
@@ -263,22 +253,3 @@ def test_estimate_is_within_a_half(ribbon):
     made = encode_scene(ribbon, options, report)
     voxels, seconds = estimate(ribbon, options)
     assert 0.5 < voxels / made.counts["voxels"] < 1.5 and seconds > 0
-
-
-def test_measurement_of_a_known_error():
-    positions, faces = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
-    scene = Scene(positions, faces, np.zeros(1, np.int64), np.zeros((1, 3, 2)), None, [Material(factor=np.ones(4))], [])
-    texf = decode(encode_scene(scene, EncodeOptions(resolution=16, qp=4)).data)
-    exact = measure(scene, texf, 5000)
-    assert exact["samples"] == 5000 and (exact["rgb"] is None or exact["rgb"] > 130)  # trilinear weights are floats
-    texf.fields[0].rgba[:] -= 1
-    off = measure(scene, texf, 5000)
-    assert math.isclose(off["rgb"], 20 * math.log10(255), rel_tol=1e-6) and math.isclose(off["y"], off["rgb"], rel_tol=1e-6)
-    scene.materials[0].factor[3], scene.materials[0].alpha_mode = 0.5, 2
-    texf.groups = (Group((BASE_COLOUR,)), Group((ALPHA,)))
-    assert math.isclose(measure(scene, texf, 5000)["rgb"], off["rgb"], rel_tol=1e-6)
-
-
-def test_a_budget_of_bytes_is_searched_for():
-    made = encode_loaded(painted_sphere(4), EncodeOptions(target_bytes=3000, resolution=16, threads=1), Report())
-    assert len(made.data) <= 3000

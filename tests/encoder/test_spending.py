@@ -2,11 +2,10 @@
 and what a lossy image file has lost already is not paid for again."""
 
 import io
-import json
-import struct
 
 import numpy as np
 import pytest
+from mesh_files import SQUARE_UV, Builder, encoded
 from PIL import Image
 from walls import boxes, smooth_image, wall
 
@@ -44,42 +43,19 @@ def test_what_counts_as_few_colours():
     assert not has_few_colours(np.concatenate([rows, rows[::-1] + 1.0]))
 
 
-def glb(image_bytes, mime, sampler):
-    """A textured square as a GLB."""
-    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32)
-    uv = np.array([[0, 1], [1, 1], [0, 0], [1, 0]], np.float32)
-    index = np.array([0, 1, 2, 2, 1, 3], np.uint16)
-    parts, views, at = [positions.tobytes(), uv.tobytes(), index.tobytes(), image_bytes], [], 0
-    for part in parts:
-        views.append({"buffer": 0, "byteOffset": at, "byteLength": len(part)})
-        at += len(part) + -len(part) % 4
-    body = b"".join(part + b"\0" * (-len(part) % 4) for part in parts)
-    document = {
-        "asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "scene": 0, "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "extensions": {"KHR_materials_unlit": {}}}],
-        "extensionsUsed": ["KHR_materials_unlit"], "textures": [{"source": 0, "sampler": 0}], "samplers": [sampler],
-        "images": [{"mimeType": mime, "bufferView": 3}], "buffers": [{"byteLength": len(body)}], "bufferViews": views,
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
-                      {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
-                      {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"}]}
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    return (struct.pack("<4sIIII", b"glTF", 2, 28 + len(text) + len(body), len(text), 0x4E4F534A) + text
-            + struct.pack("<II", len(body), 0x004E4942) + body)
-
-
-def file_of(image, form, **more):
-    """Bytes of an image file."""
-    out = io.BytesIO()
-    Image.fromarray(image).save(out, form, **more)
-    return out.getvalue()
+def glb(image, mime="image/png", **sampler):
+    """A textured square without light as a GLB."""
+    builder = Builder()
+    material = builder.material(builder.texture(image, **sampler), extensions={"KHR_materials_unlit": {}})
+    builder.primitive(uv=SQUARE_UV, material=material)
+    builder.tree["images"][0]["mimeType"], builder.tree["extensionsUsed"] = mime, ["KHR_materials_unlit"]
+    return builder.glb()
 
 
 def test_squares_of_texels_go_through_a_stream_and_back_into_a_glb_with_their_sampler(tmp_path):
     image = np.random.default_rng(2).integers(0, 4, (16, 16, 1)).repeat(3, axis=2).astype(np.uint8) * 80
     source = tmp_path / "pixels.glb"
-    source.write_bytes(glb(file_of(image, "PNG"), "image/png", {"magFilter": 9728, "minFilter": 9728}))
+    source.write_bytes(glb(encoded(image), magFilter=9728, minFilter=9728))
     scene, report = load(source), Report()
     assert scene.textures[0].nearest and not scene.dropped
     made = encode_scene(scene, EncodeOptions(rate="r01"), report)
@@ -92,7 +68,7 @@ def test_squares_of_texels_go_through_a_stream_and_back_into_a_glb_with_their_sa
 def test_squares_of_texels_that_go_over_voxels_are_named_as_lost(tmp_path):
     image = np.random.default_rng(2).integers(0, 256, (16, 16, 3)).astype(np.uint8)
     source = tmp_path / "pixels.glb"
-    source.write_bytes(glb(file_of(image, "PNG"), "image/png", {"magFilter": 9728}))
+    source.write_bytes(glb(encoded(image), magFilter=9728))
     report = Report()
     encode_scene(load(source), EncodeOptions(resolution=64, qp=28), report)
     assert report.dropped == ["NEAREST filter of texture 'image 0'"]
@@ -101,10 +77,10 @@ def test_squares_of_texels_that_go_over_voxels_are_named_as_lost(tmp_path):
 def test_a_jpeg_is_not_coded_in_more_bytes_than_it_has(tmp_path):
     rng = np.random.default_rng(3)
     noise = np.clip(smooth_image(128, 128, 3)[..., :3].astype(float) + rng.normal(0, 40, (128, 128, 3)), 0, 255).astype(np.uint8)
-    jpeg = file_of(noise, "JPEG", quality=30)
+    jpeg = encoded(noise, "JPEG", quality=30)
     sizes = {}
-    for name, data in (("image/jpeg", jpeg), ("image/png", file_of(np.asarray(Image.open(io.BytesIO(jpeg))), "PNG"))):
-        (tmp_path / "wall.glb").write_bytes(glb(data, name, {}))
+    for name, data in (("image/jpeg", jpeg), ("image/png", encoded(Image.open(io.BytesIO(jpeg))))):
+        (tmp_path / "wall.glb").write_bytes(glb(data, name))
         made = encode_scene(load(tmp_path / "wall.glb"), EncodeOptions(rate="r05", support="texels"))
         sizes[name] = made.sizes["attributes"], made.choices["channels"][0]
     assert sizes["image/png"][0] > len(jpeg) and "source_image_bytes" not in sizes["image/png"][1]

@@ -5,13 +5,9 @@ import json
 import numpy as np
 import pytest
 from conftest import REPOSITORY
-from shapes import crossing_sheets
 
 from texfcodec import EncodeOptions, decode, inspect
 from texfcodec.encoder.encode import encode_scene
-from texfcodec.geometry import draco
-from texfcodec.geometry.draco import UvCoding, counts_of, dec_textured, enc_textured
-from texfcodec.io.load import load
 from texfcodec.scene.scene import Material, Scene, Texture
 
 TEXELS = EncodeOptions(support="texels", lossless=True, partition="off", refine="off")
@@ -63,13 +59,6 @@ def test_lossless_texels_are_the_texture():
     assert np.array_equal(support.image(texf.fields[0].planes["base_colour"]), scene.textures[0].image[..., :3])
 
 
-def test_two_materials_with_one_image_are_one_field_and_their_units_two():
-    scene = crossing_sheets()
-    scene.materials[0].alpha_mode = scene.materials[1].alpha_mode
-    stream = decode(encode_scene(scene, TEXELS).data)
-    assert len(stream.fields) == 1 and [u.material for u in stream.units] == [0, 1]
-
-
 # What the tools say
 
 
@@ -99,50 +88,3 @@ def test_info_says_of_a_field_over_texels_what_it_is(call, tmp_path):
     assert "voxels, 14 bits" in lines["subset/k3"][1] and "per voxel" in lines["subset/k3"][1]
     assert "0 voxels, " in lines["uncommon/empty"][1] and "per" not in lines["uncommon/empty"][1]
 
-
-# Real assets
-
-
-@pytest.mark.parametrize("name", ["cat_webp", "damaged_helmet", "avocado", "vintage_fan", "house_mask"])
-def test_uvs_of_real_assets_come_back_exactly(shared_dir, name):
-    """Both codings, a unit per material, UVs in 1/16 of a texel of an image of 2048, with their charts, seams and turns."""
-    path = shared_dir / "assets" / f"{name}.glb"
-    if not path.is_file():
-        pytest.skip(f"{path.name} is not among the shared assets")
-    scene = load(path)
-    low, side = scene.positions.min(axis=0), np.ptp(scene.positions, axis=0).max()
-    lattice = np.floor((scene.positions - low) / side * 16383 + 0.5).astype(np.int64)
-    for material in np.unique(scene.face_material)[:3]:
-        faces = scene.faces[scene.face_material == material]
-        area = np.cross(*(lattice[faces[:, k]] - lattice[faces[:, 0]] for k in (1, 2))).any(axis=1)
-        uv = np.floor(scene.corner_uv[scene.face_material == material][area] * 2048 * 16 + 0.5).astype(np.int64)
-        uv -= uv.min(axis=(0, 1))
-        faces = faces[area]
-        near = (uv < 1 << draco.MAX_UV_BITS).all(axis=(1, 2))
-        assert near.mean() > 0.5
-        corners = np.column_stack([lattice[faces[near].reshape(-1)], uv[near].reshape(-1, 2)])
-        unique, local = np.unique(corners, axis=0, return_inverse=True)
-        wanted = faces_of(unique[local.reshape(-1, 3)])
-        data, coding = enc_textured(unique[:, :3], local.reshape(-1, 3), unique[:, 3:] - unique[:, 3:].min(axis=0), 14)
-        other = UvCoding(0, coding.range) if coding.bits else UvCoding(draco._exact_bits(coding.range), coding.range)
-        both = [(data, coding)]
-        if other.bits <= draco.MAX_UV_BITS:
-            more = {"tex_coord": unique[:, 3:].astype(np.float64), "tex_coord_quantization_bits": other.bits} if other.bits else \
-                {"generic_attributes": {1: unique[:, 3:].astype(np.uint32)}}
-            both.append((draco._encode(unique[:, :3], local.reshape(-1, 3), **more), other))
-        for bytes_, how in both:
-            points, decoded, uv_back = dec_textured(bytes_, *counts_of(bytes_), how, 14)
-            assert np.array_equal(faces_of(np.column_stack([points, uv_back])[decoded]), wanted), (name, material, how)
-
-
-def faces_of(corners):
-    """Rows [F, 15] of faces of corners int64 [F, 3, 5], each from its least corner on, in ascending order."""
-    order = np.lexsort(corners.reshape(-1, 5).T)
-    rank = np.empty(len(order), np.int64)
-    rank[order] = np.arange(len(order))
-    values = corners.reshape(-1, 5)[order]
-    same = np.concatenate([[0], np.cumsum((values[1:] != values[:-1]).any(axis=1))])
-    rank = same[rank].reshape(-1, 3)
-    first = rank.argmin(axis=1)
-    turned = np.take_along_axis(corners, ((first[:, None] + np.arange(3)) % 3)[:, :, None], axis=1).reshape(len(corners), -1)
-    return turned[np.lexsort(turned.T[::-1])]

@@ -46,5 +46,5 @@ def test_the_validator_finds_nothing(tmp_path, write):
     run = subprocess.run(["node", str(REPOSITORY / "tools/proof/validate_glb.mjs"), *map(str, files)], cwd=REPOSITORY,
                          capture_output=True, text=True, check=False)
     if run.returncode == 2:
-        pytest.skip("gltf-validator is not here: npm install gltf-validator")
+        pytest.skip("gltf-validator is not here: npm install in js/")
     assert run.returncode == 0 and run.stdout.count("0 errors, 0 warnings") == len(files), run.stdout

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shapes import domed, mapped_sheet
 
 from texfcodec import EncodeOptions, decode
 from texfcodec.encoder.encode import encode_scene
@@ -11,7 +12,7 @@ from texfcodec.geometry.tangents import corner_tangents
 from texfcodec.io.load import load
 from texfcodec.metrics.shaded import compare_channels, compare_shaded
 from texfcodec.render.lighting import Lighting
-from texfcodec.scene.scene import WRAP_CLAMP, Material, Scene, Texture
+from texfcodec.scene.scene import WRAP_CLAMP, Texture
 
 TEXELS = EncodeOptions(support="texels", lossless=True, partition="off", refine="off")
 VOXELS = EncodeOptions(resolution=96, qp=8, partition="off", refine="off")
@@ -28,19 +29,13 @@ def waves(side=64):
 @pytest.fixture
 def dome():
     """A bent sheet with a normal map, and normals that no rule makes: all lean towards +x."""
-    line = np.linspace(0, 1, SIDE + 1)
-    x, y = (a.ravel() for a in np.meshgrid(line, line))
-    positions = np.column_stack([x, y, 0.4 - 0.8 * ((x - 0.5) ** 2 + (y - 0.5) ** 2)])
-    at = np.arange((SIDE + 1) ** 2).reshape(SIDE + 1, SIDE + 1)
-    a, b, c, d = at[:-1, :-1].ravel(), at[:-1, 1:].ravel(), at[1:, 1:].ravel(), at[1:, :-1].ravel()
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    normal = np.column_stack([1.6 * (x - 0.5) + 0.4, 1.6 * (y - 0.5), np.ones_like(x)])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    skin = Material("skin", texture=0, maps={"normal": 1}, parameters={"roughness": (0.4,), "metallic": (0.5,)})
-    clamp, colours = (WRAP_CLAMP, WRAP_CLAMP), np.roll(waves(32), 1, axis=2)
+    colours = np.roll(waves(32), 1, axis=2)
     colours[..., 3] = 255
-    return Scene(positions, faces, np.zeros(len(faces), np.int64), np.column_stack([x, 1 - y])[faces], None, [skin],
-                 [Texture(colours, clamp), Texture(waves(), clamp)], corner_normal=normal[faces].astype(np.float32))
+    scene = domed(mapped_sheet({"normal": waves()}, colours, SIDE, (WRAP_CLAMP, WRAP_CLAMP),
+                               parameters={"roughness": (0.4,), "metallic": (0.5,)}))
+    normal = np.insert(1.6 * (scene.positions[:, :2] - 0.5) + [0.4, 0], 2, 1, axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return replace(scene, corner_normal=normal[scene.faces].astype(np.float32))
 
 
 def made(scene, uv=None):

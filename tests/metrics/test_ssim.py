@@ -52,14 +52,6 @@ def test_ssim_of_equal_images_is_one_and_its_gradient_nothing():
     assert np.abs(gradient).max() < 1e-3 * np.abs(ssim_gradient(a, noisy_pair(40, 50)[1])[1]).max()
 
 
-def test_ssim_of_extreme_images_stays_in_range():
-    black, white = np.zeros((30, 30, 3), np.float32), np.full((30, 30, 3), 255, np.float32)
-    checks = np.float32(255) * (np.indices((30, 30)).sum(0) % 2)[:, :, None].repeat(3, 2).astype(np.float32)
-    assert 0 < ssim(black, white) < 2e-4
-    assert -1 <= ssim(checks, 255 - checks) < -0.9
-    assert all(np.isfinite(ssim_gradient(a, b)[1]).all() for a in (black, checks) for b in (black, white, 255 - checks))
-
-
 def test_ssim_does_not_depend_on_threads_or_on_what_is_far_from_the_mask():
     a, b = (v.astype(np.float32) for v in noisy_pair(200, 90))
     mask = np.zeros((200, 90), bool)
@@ -91,14 +83,6 @@ def test_ssim_gradient_is_that_of_finite_differences(shape):
         assert gradient[place] == pytest.approx(expected, rel=1e-3, abs=1e-6 * largest)
     single = ssim_gradient(a.astype(np.float32), b.astype(np.float32), mask)[1]
     assert single.dtype == np.float32 and np.abs(single - gradient).max() < 1e-3 * largest
-
-
-def test_a_step_up_the_gradient_raises_ssim():
-    a, b = (v.astype(np.float32) for v in noisy_pair(64, 64))
-    for _ in range(3):
-        before, gradient = ssim_gradient(a, b)
-        b = b + np.float32(3.0 / np.abs(gradient).max()) * gradient
-        assert ssim(a, b) > before
 
 
 @pytest.mark.parametrize("a, b, mask, word", [

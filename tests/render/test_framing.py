@@ -1,11 +1,12 @@
 """The camera that frames a model: all of it is in the picture, and it fills as much as the picture's shape lets it."""
 
+import json
+
 import numpy as np
 import pytest
 from analytic import grid_mesh
 from shapes import scene_of
 
-from texfcodec.cli.render import main
 from texfcodec.errors import InputError
 from texfcodec.render.camera import MARGIN, bounding_sphere, framing, orthographic, project
 from texfcodec.render.raster import rasterise
@@ -62,12 +63,9 @@ def test_points_beyond_all_numbers_are_refused():
         framing((0, 0, 1), np.array([[-1e308] * 3, [1e308] * 3]), 64)
 
 
-def test_texf_render_frames_the_model(tmp_path, capsys):
-    import json
-
+def test_texf_render_frames_the_model(call, tmp_path):
     lines = [f"v {x} {y} {z}" for x in (0, 0.4) for y in (0, 1.8) for z in (0, 0.3)]
     (tmp_path / "a.obj").write_text("\n".join(lines) + "\nf 1 5 7 3\nf 2 4 8 6\n")
-    with pytest.raises(SystemExit) as ended:
-        main([str(tmp_path / "a.obj"), str(tmp_path / "a.png"), "--size", "100x450", "--no-cull", "--json"])
-    facts = json.loads(capsys.readouterr().out)
-    assert ended.value.code == 0 and facts["covered"] > 0.85 * facts["pixels"]
+    code, said, _ = call("texf-render", tmp_path / "a.obj", tmp_path / "a.png", "--size", "100x450", "--no-cull", "--json")
+    facts = json.loads(said)
+    assert code == 0 and facts["covered"] > 0.85 * facts["pixels"]

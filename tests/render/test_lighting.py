@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from shapes import crossing_sheets, painted_sphere
+from shapes import crossing_sheets, domed, mapped_sheet, painted_sphere
 
 from texfcodec import EncodeOptions, decode
 from texfcodec.core.colour_error import decibels
@@ -21,7 +21,7 @@ from texfcodec.render.shade import render_scene, render_texf
 from texfcodec.render.textures import MipScenes, Textures, halved
 from texfcodec.scene.channels import BY_NAME, MAPS, PARAMETER_BY_NAME
 from texfcodec.scene.fetch import pack_source
-from texfcodec.scene.scene import ALPHA_MASK, WRAP_CLAMP, Material, Scene, Texture
+from texfcodec.scene.scene import ALPHA_MASK, WRAP_CLAMP, Texture
 
 TEXELS = EncodeOptions(support="texels", lossless=True, partition="off", refine="off")
 VOXELS = EncodeOptions(resolution=96, qp=8, partition="off", refine="off")
@@ -52,21 +52,13 @@ def normal_map(seed, side=32, lean=60):
 def dome(names=(), parameters=None, **material):
     """A bent sheet with a smooth image of base colour and maps of these channels, whose factors are 1. It brings no normals: both
     sides make them by the usual rule."""
-    u = np.linspace(0, 1, SIDE + 1)
-    x, y = (a.ravel() for a in np.meshgrid(u, u))
-    positions = np.column_stack([x, y, 0.4 - 0.8 * ((x - 0.5) ** 2 + (y - 0.5) ** 2)])
-    at = np.arange((SIDE + 1) ** 2).reshape(SIDE + 1, SIDE + 1)
-    a, b, c, d = at[:-1, :-1].ravel(), at[:-1, 1:].ravel(), at[1:, 1:].ravel(), at[1:, :-1].ravel()
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    base, clamp = smooth(0), (WRAP_CLAMP, WRAP_CLAMP)
+    base = smooth(0)
     base[..., 3] = 255
-    images = [base] + [normal_map(i) if BY_NAME[n].unit == "degrees" else smooth(i) for i, n in enumerate(names, 1)]
+    images = {n: normal_map(i) if BY_NAME[n].unit == "degrees" else smooth(i) for i, n in enumerate(names, 1)}
     used = {n: ON[n] for name in names for n in (name, *NEEDS.get(name, ())) if n in ON}
     glass = {"thickness": (0.3,), "attenuation_distance": (0.2,), "attenuation_colour": (0.3, 0.6, 0.9)}
     used |= {"metallic": (0.5,), "roughness": (0.6,), **(glass if "thickness" in names else {}), **(parameters or {})}
-    skin = Material("skin", texture=0, maps={n: i for i, n in enumerate(names, 1)}, parameters=used, **material)
-    uv = np.column_stack([x, 1 - y])
-    return Scene(positions, faces, np.zeros(len(faces), np.int64), uv[faces], None, [skin], [Texture(i, clamp) for i in images])
+    return domed(mapped_sheet(images, base, SIDE, (WRAP_CLAMP, WRAP_CLAMP), parameters=used, **material))
 
 
 def front(scene, size=128, turn=(0.3, 0.2, 1.0)):

@@ -132,13 +132,6 @@ def test_at_grazing_angles_everything_smooth_is_a_mirror():
         assert lit(furnace(), base=(base,) * 3, seen=(n, v), metallic=metallic, roughness=0.0).min() > 0.9
 
 
-def test_matt_surfaces_give_their_irradiance():
-    n, v = directions(steepest=0.5)
-    got = lit(Environment(gradient=DAYLIGHT.gradient), base=(1, 1, 1), seen=(n, v), metallic=0, specular=0, roughness=1)
-    brute = np.array([naive.sky(DAYLIGHT.gradient, naive.hemisphere(a.astype(float), 32)).mean(axis=0) for a in n])
-    assert_allclose(got, brute, atol=2e-3)
-
-
 def test_full_occlusion_leaves_the_lights_alone():
     dark = Environment(gradient=np.zeros((9, 3)), lights=DAYLIGHT.lights)
     assert_allclose(lit(channels={"occlusion": [0.0]}), lit(dark), atol=1e-6)

@@ -1,4 +1,4 @@
-"""Every command of README and of the guide is run, one after the other, on the demo asset, or is named here with a reason."""
+"""Every command of README and of the guide is run, one after the other, on a small asset, or is named here with a reason."""
 
 import re
 import subprocess
@@ -14,7 +14,7 @@ SKIPPED = {
     r"^texf-view (?!.*--export)(?!.*--screenshot)": "serves a page until Ctrl-C",
     r"^texf-view .*--screenshot": "starts a browser; tests/viewer does where there is one",
     r"--scheduler": "needs a Dask cluster; tests/batch makes one",
-    r" scan\.(texf|glb)": "TEXF_stream.md speaks of a scan of the reader's own; the same flags run on the demo asset",
+    r" scan\.(texf|glb)": "TEXF_stream.md speaks of a scan of the reader's own; the same flags run on vase.glb",
 }
 
 
@@ -60,6 +60,7 @@ def run(words, call):
     """(exit code, what it said last) of one command."""
     if words[0] == "python":
         done = subprocess.run([sys.executable, *words[1:]], capture_output=True, text=True, check=False, timeout=120)
+        pages.write_vase(words[-1])
         return done.returncode, done.stderr[-500:]
     code, _, said = call(*words)
     return code, said[-500:]

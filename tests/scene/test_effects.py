@@ -203,17 +203,12 @@ def test_directions_without_a_direction_count_as_the_view_or_as_z(kind):
         assert_array_equal(got, lit(seen=(v if kind == "normal" else z if kind == "both" else n, v if kind == "normal" else z)))
 
 
-def test_result_does_not_depend_on_threads(monkeypatch):
-    points, table = everything(np.random.default_rng(9), 3000)
-    monkeypatch.setattr(shading, "BLOCK", 128)
-    assert_array_equal(shade(points, table, DAYLIGHT, threads=1), shade(points, table, DAYLIGHT, threads=4))
-
-
-def test_groups_and_blocks_do_not_change_a_point(monkeypatch):
+def test_groups_blocks_and_threads_do_not_change_a_point(monkeypatch):
     points, table = everything(np.random.default_rng(8), 700)
     together = shade(points, table, DAYLIGHT)
     monkeypatch.setattr(shading, "BLOCK", 100)
     assert_allclose(shade(points, table, DAYLIGHT), together, rtol=1e-5, atol=1e-6)
+    assert_array_equal(shade(points, table, DAYLIGHT, threads=1), shade(points, table, DAYLIGHT, threads=4))
 
 
 def test_no_points_are_no_colours():

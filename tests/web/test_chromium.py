@@ -1,13 +1,14 @@
 """The npm package in Chromium: vectors through its workers, and the loader on bad downloads; left out where no browser is."""
 
 import os
-import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import BROWSER, needs_browser
 from shapes import mapped_sheet
+from test_js_package import NODE, needs_node
 
 from texfcodec import EncodeOptions, decode
 from texfcodec.encoder.encode import encode_scene
@@ -15,9 +16,8 @@ from texfcodec.io.save import save
 from tools.proof import three_check
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-NODE, BROWSER = shutil.which("node"), os.environ.get("CHROMIUM") or shutil.which("chromium")
 MODULES = all((REPOSITORY / "js/node_modules" / name).is_dir() for name in ("three", "playwright-core"))
-pytestmark = pytest.mark.skipif(not (NODE and BROWSER and MODULES), reason="no node, no Chromium or no js/node_modules")
+pytestmark = [needs_node, needs_browser, pytest.mark.skipif(not MODULES, reason="no js/node_modules: npm install in js/")]
 
 
 def run_in_chromium(mode, *words):

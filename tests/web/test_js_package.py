@@ -11,7 +11,8 @@ from conformance import run as runner
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NODE = shutil.which("node")
-needs_node = pytest.mark.skipif(NODE is None, reason="there is no node on the PATH")
+VERSION = subprocess.run([NODE, "--version"], capture_output=True, text=True).stdout if NODE else "v0"
+needs_node = pytest.mark.skipif(int(VERSION[1:].split(".")[0]) < 20, reason="there is no node of version 20 or newer on the PATH")
 
 
 @needs_node

@@ -1,20 +1,20 @@
 // Validate GLB or glTF files with Khronos's own validator: node tools/proof/validate_glb.mjs FILE...
 // Prints errors and warnings per file; exits 1 if any file has errors, 2 if a file or the validator cannot be read.
-// Needs the package gltf-validator where node finds it from the current directory or from here (npm install gltf-validator).
+// Needs the package gltf-validator where node finds it from the current directory, from here or from js/ (npm install in js/).
 
 import { readFile } from 'node:fs/promises';
 import { createRequire } from 'node:module';
 import path from 'node:path';
 
 function loadValidator() {
-  for (const base of [path.join(process.cwd(), 'x.js'), import.meta.url]) {
+  for (const base of [path.join(process.cwd(), 'x.js'), import.meta.url, new URL('../../js/x.js', import.meta.url)]) {
     try {
       return createRequire(base)('gltf-validator');
     } catch (error) {
       if (error.code !== 'MODULE_NOT_FOUND') throw error;
     }
   }
-  console.error('gltf-validator is not installed: npm install gltf-validator');
+  console.error('gltf-validator is not installed: npm install in js/');
   process.exit(2);
 }
 

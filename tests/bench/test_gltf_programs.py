@@ -221,7 +221,7 @@ def test_program_ends_with_whoever_runs_it(tmp_path):
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
     runs = (f"import sys; sys.path[:0] = [{str(REPOSITORY)!r}]\n"
-            f"from bench.methods.programs import run_program\n"
+            f"from tools.bench.methods.programs import run_program\n"
             f"run_program([sys.executable, '-c', {_holding(fifo)!r}], {str(tmp_path / 'log')!r}, 600)")
     with subprocess.Popen([sys.executable, "-c", runs]) as runner:
         wait_readable(reader)

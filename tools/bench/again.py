@@ -125,7 +125,7 @@ def encode_beside(todo, args, code):
     failed, tasks = {}, []
     for asset, (path, digest, options) in todo.items():
         job = {"asset": asset, "asset_sha256": digest, "options": options, "code": code, "state": str(args.state.resolve())}
-        tasks.append(Task(name=asset, commands=(("encode", ("{root}/bench/again.py", "--step", "{folder}", "{input}")),),
+        tasks.append(Task(name=asset, commands=(("encode", ("{root}/tools/bench/again.py", "--step", "{folder}", "{input}")),),
                           input=path, files={JOB: as_text(job)}, unsuited=EXIT_SUPPORT))
     with progress(len(tasks)) as show, work_room(args.state.parent) as room:
         def ended(task, outcome, folder):

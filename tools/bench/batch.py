@@ -18,7 +18,7 @@ from texfcodec.options import default_threads
 from tools.bench.conditions import find_assets, read_conditions
 from tools.bench.jobs import JOB, METRICS, MISSING, as_text, jobs_of, read_json
 
-COMMAND, STEPS = "{root}/bench/rate_points.py", ("encode", "decode")
+COMMAND, STEPS = "{root}/tools/bench/rate_points.py", ("encode", "decode")
 
 
 def task_of(job, caps):

@@ -41,7 +41,7 @@ SECONDS = 1800.0
 GUTTER = 4  # texels between charts, as io/atlas/quality.py asks xatlas for
 LEAST_SIDE, MOST_SIDE = 16, 16384
 NOT_LOADED = 3  # status of the child process
-_CHILD = "from bench.methods.parametrise import _child; _child()"
+_CHILD = "from tools.bench.methods.parametrise import _child; _child()"
 
 
 class NoAtlas(Exception):

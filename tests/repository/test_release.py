@@ -155,7 +155,7 @@ def test_every_file_of_the_package_is_code_or_named_as_its_data():
 def test_the_newest_wheel_at_hand_is_right():
     wheels = sorted((REPOSITORY / "out" / "release").glob("*.whl"))
     if not wheels:
-        pytest.skip("out/release holds no wheel: make release")
+        pytest.skip("out/release holds no wheel: make -C tools release")
     commit = subprocess.run(["git", "log", "-1", "--format=%ct"], cwd=REPOSITORY, capture_output=True, check=True).stdout
     if wheels[-1].stat().st_mtime < int(commit):
         pytest.skip("the wheel of out/release is older than the last commit")

@@ -19,7 +19,7 @@ def page_of(modules, reasons, runs):
     branches, missed = sum(m.branches for m in modules), sum(len(m.missed) for m in modules)
     share = f"{100 * (branches - missed) / max(branches, 1):.2f} %"
     out = ["# Branches of the decoder", "",
-           *wrapped([f"Made by `make coverage` (tools/proof/coverage_table.py). {INTRODUCTION}"]), "",
+           *wrapped([f"Made by `make -C tools coverage` (tools/proof/coverage_table.py). {INTRODUCTION}"]), "",
            *wrapped([f"**{branches - missed} of {branches} branches are taken, {share}**, in {len(modules)} modules of "
                     f"{sum(m.statements for m in modules)} statements; the other {missed} are named below. {COMPILED}"]), "",
            "## What runs", "", *_parts(runs), "", "## By module", "", *_by_module(modules, share), "",

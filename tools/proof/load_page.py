@@ -15,7 +15,7 @@ MB = 1 << 20
 def page_of(found, faults, picture=None):
     """docs/reports/load.md. found: {part: what it measured}; faults: {part: sentences on what misses its target}; picture: path
     of load_faces.draw()'s plot from the page."""
-    lines = ["# Under load", "", f"Made by `make load` (tools/proof/load.py) {made_on()}.", ""]
+    lines = ["# Under load", "", f"Made by `make -C tools load` (tools/proof/load.py) {made_on()}.", ""]
     for part, section in SECTIONS.items():
         if part in found:
             missed = faults[part]

@@ -9,7 +9,7 @@ from tools.proof.stability.table import CASES, GROUPS
 
 HEAD = """# How far off it can get
 
-Made by `make stability` (tools/proof/stability) {made}.
+Made by `make -C tools stability` (tools/proof/stability) {made}.
 
 The table of cases is also what tests/proof/test_stability.py runs. Each case stresses one thing, says how large the error may
 be and why, and measures it against exact fractions, the reference decoder, or a formula. Half of the trials are

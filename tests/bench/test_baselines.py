@@ -249,7 +249,7 @@ def test_two_components_hold_a_normal_map():
 
 
 def test_a_scene_is_its_own_equal_and_errors_are_told_by_channel():
-    from tools.bench.material_quality import map_errors
+    from tools.bench.map_errors import map_errors
 
     scene = material_sheet(roughness=1, normal=2)
     same = map_errors(scene, dataclasses.replace(scene), 2000)
@@ -266,7 +266,7 @@ def test_a_scene_is_its_own_equal_and_errors_are_told_by_channel():
 def test_normals_of_a_payload_are_those_that_a_viewer_shades_with():
     from texfcodec import EncodeOptions, decode
     from texfcodec.encoder.pipeline import encode_scene
-    from tools.bench.material_quality import map_errors
+    from tools.bench.map_errors import map_errors
 
     scene = material_sheet(normal=2)
     made = encode_scene(scene, EncodeOptions(codec="3dntc", threads=1, resolution=32, resident_bytes=40_000, steps=400,
@@ -277,7 +277,7 @@ def test_normals_of_a_payload_are_those_that_a_viewer_shades_with():
 
 @pytest.mark.parametrize("normals, closest", [("xy", 0.1), ("rgb", 1.5)])
 def test_astc_of_all_maps_counts_and_keeps_them(needs_astc, tmp_path, normals, closest):
-    from tools.bench.material_quality import map_errors
+    from tools.bench.map_errors import map_errors
 
     scene = material_sheet(roughness=1, metallic=1, normal=2)
     scene.corner_normal = np.broadcast_to(np.float32([0, 0.6, 0.8]), (2, 3, 3)).copy()
@@ -294,7 +294,7 @@ def test_astc_of_all_maps_counts_and_keeps_them(needs_astc, tmp_path, normals, c
 
 def test_bc7_and_bc5_of_all_maps_count_and_keep_them(tmp_path):
     pytest.importorskip("etcpak", reason="etcpak is not installed: pip install \"texfcodec[baselines]\"")
-    from tools.bench.material_quality import map_errors
+    from tools.bench.map_errors import map_errors
     from tools.bench.methods import find
 
     scene, sizes, found = material_sheet(metallic=1, normal=2), [], []

@@ -1,18 +1,21 @@
 """Tables say what the figures of rate_points.py say."""
 
 import csv
+import html
 import json
+import os
+import subprocess
 import sys
-import types
+from pathlib import Path
 
 import numpy as np
 import pytest
 from batches import metrics
 
 from texfcodec.metrics.bd_rate import bd_rate
-from tools.bench import collect
+from tools.bench import collect, page
 from tools.bench.differences import Difference, pairs_of, rate_difference, summary
-from tools.bench.results import published_rows, quality_of, read_missing, read_results
+from tools.bench.results import curve_of, quality_of, read_missing, read_results
 
 CURVES = {  # (asset, group): bytes, dB
     ("vase", "old"): ([300, 500, 900, 1700], [30.0, 33.0, 36.0, 39.0]),
@@ -22,6 +25,19 @@ CURVES = {  # (asset, group): bytes, dB
     ("lid", "old"): ([200, 300], [20.0, 22.0]),
     ("lid", "new"): ([210, 330], [40.5, 41.9]),
 }
+
+
+HOSTILE = "</script><img src=x onerror=\"document.title=1\"><b>"
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize("command", ["ab", "attributes", "collect", "pictures", "rate_points"])
+def test_commands_are_called_as_files_from_anywhere_and_as_modules(command, tmp_path):
+    bare = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    for words, folder in (([REPOSITORY / f"tools/bench/{command}.py"], tmp_path), (["-m", f"tools.bench.{command}"], REPOSITORY)):
+        line = [sys.executable, *words, "--help"]
+        run = subprocess.run(line, cwd=folder, env=bare, capture_output=True, text=True, check=False)
+        assert run.returncode == 0 and run.stdout.startswith("usage:"), run.stderr
 
 
 def write_results(folder, only=None):
@@ -135,22 +151,28 @@ def test_kept_rows_make_the_same_tables(tmp_path):
     (tmp_path / "cup/gone/missing.json").write_text(json.dumps({"state": "missing", "reason": "not here"}))
     kept, first, second = (tmp_path / name for name in ("rows.jsonl", "first", "second"))
     collect.main([str(tmp_path), "--out", str(first), "--against", "old", "--keep", str(kept)])
-    collect.main([str(kept), "--out", str(second), "--against", "old", "--no-pictures"])
+    collect.main([str(kept), "--out", str(second), "--against", "old"])
     assert "not here" in (first / "results.md").read_text()
     for name in ("results.md", "results.csv"):
         assert (first / name).read_text() == (second / name).read_text(), name
 
 
-def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_path, monkeypatch):
+def test_curves_are_those_that_bd_rates_compare_and_names_stay_text(tmp_path):
+    pytest.importorskip("plotly")
     write_results(tmp_path)
-    points = [{"method": "Net", "asset": asset, "rate": 200.0 * 2**i, "measure": "3D-PSNR Y", "quality": 30.0 + 3 * i,
-               "source": "Somebody 2025, table 3"} for asset in ("vase", "basket") for i in range(3)]
-    module = types.SimpleNamespace(read_published=lambda path: points)
-    monkeypatch.setitem(sys.modules, "tools.bench.methods.published", module)
-    collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--published", "x.csv", "--against", "old"])
-    text = (tmp_path / "out/results.md").read_text()
-    assert "## basket (published, other material)" in text and "| Net 400 (Somebody 2025, table 3) | Net, published |" in text
-    line = next(line for line in text.partition("### 3D-PSNR Y")[2].splitlines() if line.startswith("| Net, published"))
-    compared = rate_difference([r for r in read_results(tmp_path) if r["setting"].startswith("old") and r["asset"] == "vase"],
-                               published_rows(points[:3]), "3D-PSNR Y")
-    assert f"{compared:+.2f} (" in line and "basket" not in text.partition("## BD-rate")[2]
+    rows = [row | {"group": row["group"] + HOSTILE} for row in read_results(tmp_path) if row["asset"] == "vase"]
+    figure = page.figure_of(rows, "texture")
+    assert {trace["meta"] for trace in figure["data"]} == {b["label"] for b in figure["layout"]["updatemenus"][0]["buttons"]}
+    for trace in figure["data"]:
+        group = [row for row in rows if html.escape(row["group"]) == trace["name"]]
+        assert (trace["x"], trace["y"]) == curve_of(group, trace["meta"], "texture") and len(trace["x"]) >= 2
+    assert page.write_page(tmp_path / "results.html", rows, "texture") > 1e6
+    text = (tmp_path / "results.html").read_text(encoding="utf-8")
+    assert HOSTILE not in text and "<script src" not in text
+
+
+def test_tables_do_without_plotly(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "plotly.io", None)
+    write_results(tmp_path)
+    collect.main([str(tmp_path), "--out", str(tmp_path / "out")])
+    assert "texfcodec[plots]" in capsys.readouterr().err and not (tmp_path / "out/results.html").exists()

@@ -10,9 +10,9 @@ from tools.bench.methods import find
 
 SAMPLE = "sample"
 SUFFIXES = ("", ".glb", ".gltf", ".obj", ".ply")
-EVALUATION = {"samples": 1_000_000, "views": 16, "size": 2048, "ssim": False, "maps": False, "lpips": "", "pictures": 0,
-              "picture_size": 512}
-LEAST = {"samples": 1, "views": 0, "size": 16, "pictures": 0, "picture_size": 16}
+EVALUATION = {"samples": 1_000_000, "seed": 0, "views": 16, "size": 2048, "ssim": False, "maps": False, "lit": False, "lpips": "",
+              "pictures": 0, "picture_size": 512}
+LEAST = {"samples": 0, "seed": 0, "views": 0, "size": 16, "pictures": 0, "picture_size": 16}
 KINDS = {bool: "true or false", str: "the path of a file", int: "a whole number"}
 NAME = re.compile(r"\w[\w.+-]*")
 
@@ -37,10 +37,9 @@ def read_conditions(path, changed=(), only=()):
         if not isinstance(tables, list) or not tables:
             raise ValueError("there is no [[settings]] table")
         found["settings"] = [s for number, table in enumerate(tables, 1) for s in _expanded(number, table, found)]
-        names = [s["setting"] for s in found["settings"]]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"two settings are called {name!r}")
+        for one, other in itertools.combinations(found["settings"], 2):
+            if one["setting"] == other["setting"] and set(one["assets"]) & set(other["assets"]):
+                raise ValueError(f"two settings are called {one['setting']!r}")
         if unknown := [name for name in only if name not in assets]:
             raise ValueError(f"{', '.join(unknown)} is none of its assets: {', '.join(assets)}")
         found["assets"] = [name for name in assets if name in only or not only]

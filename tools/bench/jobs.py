@@ -13,7 +13,7 @@ from tools.bench.conditions import EVALUATION, SAMPLE
 from tools.bench.methods import find
 
 SCHEMA = 1
-LATER = {"maps", "lpips", "pictures", "picture_size"}  # keys of an evaluation that it has not always had
+LATER = {"seed", "maps", "lit", "lpips", "pictures", "picture_size"}  # keys of an evaluation that it has not always had
 JOB, ENCODED, METRICS, MISSING = "job.json", "encode.json", "metrics.json", "missing.json"
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -86,6 +86,11 @@ def code_of(method, plugins):
     for path in (*sorted((REPOSITORY / "texfcodec").rglob("*.py")), Path(inspect.getfile(type(found)))):
         total.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return total.hexdigest()[:16]
+
+
+def key_of(value):
+    """16 digits by which what is JSON-ready is known again."""
+    return _sha256(json.dumps(value, sort_keys=True).encode())[:16]
 
 
 def _sha256(data):

@@ -1,4 +1,4 @@
-"""What rate_points.py has left in a folder: its rows, the rows that are missing, published rows, and the curves they form."""
+"""What rate_points.py has left in a folder: its rows, the rows that are missing, and the curves they form."""
 
 import json
 import math
@@ -66,20 +66,6 @@ def read_missing(folder):
     return found
 
 
-def published_rows(points):
-    """Rows of what bench.methods.published.read_published() has read, each with one measure of MEASURES.
-
-    Their "published" is the source; bytes are all of their rate, as if it were without geometry.
-    """
-    rows = []
-    for point in points:
-        rate = int(point["rate"]) if point["rate"] == int(point["rate"]) else point["rate"]
-        rows.append({"asset": point["asset"], "group": f"{point['method']}, published", "method": point["method"], "setting":
-                     f"{point['method']} {rate}", "published": point["source"], "bytes": {"total": rate}, "quality":
-                     {point["measure"]: point["quality"]}})
-    return rows
-
-
 def at(row, path):
     """The value at a path of keys; None where the path ends early."""
     for key in path:
@@ -89,8 +75,6 @@ def at(row, path):
 
 def value_of(row, measure):
     """What a row has of one of MEASURES, as it stands there: a PSNR in dB, SSIM or LPIPS; None: not measured; inf: exact."""
-    if "published" in row:
-        return row["quality"].get(measure)
     value = at(row, MEASURES[measure])
     is_exact = measure in PSNRS and value is None and at(row, MEASURES[measure][:-1]) is not None
     return math.inf if is_exact else value

@@ -16,7 +16,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from texfcodec.scene.scene import Material, Scene, Texture
-from tools.bench.methods import Method, checked_options, method, parametrise, sheets, source_hash, versions_of
+from tools.bench.methods import Method, checked_options, draco_mesh, method, parametrise, sheets, source_hash, versions_of
 from tools.bench.methods.parametrise import PARAMETRISATIONS, SOURCE_UVS, Request, reparametrised, side_of
 from tools.bench.methods.sheets import COLOUR, NORMAL, map_sheets, three_components, two_components
 
@@ -50,9 +50,7 @@ class Astc(Method):
 
     def version(self):
         """The versions of what codes and of new parametrisations, and a hash of further files that results depend on."""
-        from tools.bench import everyday_rivals
-
-        files = (module.__file__ for module in (parametrise, sheets, everyday_rivals))
+        files = (module.__file__ for module in (parametrise, sheets, draco_mesh))
         return f"{versions_of(*self.packages)} {parametrise.versions()} {source_hash(__file__, *files)}"
 
     def warm_up(self, options, threads):
@@ -132,7 +130,7 @@ def _asked_scene(scene, options, keep, threads):
         return reparametrised(scene, Request(options["parametrisation"], side_of(scene)), keep, threads)[0]
     if options["maps"] == "none":
         return replace(scene, materials=[replace(m, maps={}) for m in scene.materials])
-    from tools.bench.material_quality import needed_maps
+    from tools.bench.map_errors import needed_maps
 
     return needed_maps(scene)[0]
 

@@ -87,11 +87,11 @@ def test_images_are_coded_once_and_only_where_a_face_uses_them():
     scene = seamed_strip()
     images, textures = used_textures(scene)
     assert [image.shape for image in images] == [(20, 30, 4)]
-    assert [t["image"] for t in textures] == [0, 0] and [t["name"] for t in textures] == ["unused", "cloth"]
+    assert [(number, name) for number, _, name in textures] == [(0, "unused"), (0, "cloth")]
     scene.textures.append(Texture(scene.textures[1].image, (1, 2), "again"))
     scene.materials[0] = Material("bare", texture=2)
     images, textures = used_textures(scene)
-    assert len(images) == 1 and textures[2] == {"image": 0, "wrap": [1, 2], "name": "again"}
+    assert len(images) == 1 and textures[2] == (0, (1, 2), "again")
 
 
 def test_scene_without_textures_is_refused():

@@ -4,6 +4,7 @@ import csv
 import html
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -176,3 +177,22 @@ def test_tables_do_without_plotly(tmp_path, monkeypatch, capsys):
     write_results(tmp_path)
     collect.main([str(tmp_path), "--out", str(tmp_path / "out")])
     assert "texfcodec[plots]" in capsys.readouterr().err and not (tmp_path / "out/results.html").exists()
+
+
+def test_every_file_and_target_that_docs_name_is_there():
+    pages = [REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md")] + sorted((REPOSITORY / "docs").rglob("*.md"))
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    files = set(re.findall(r"tools/[a-z]+/[A-Za-z_/]+\.(?:py|toml|jsonl)", text))
+    assert len(files) > 20 and [name for name in files if not (REPOSITORY / name).exists()] == []
+    for makefile, pattern in (("tools/Makefile", r"make -C\stools ([a-z0-9-]+)"), ("Makefile", r"`make ([a-z0-9-]+)")):
+        targets = set(re.findall(r"^([a-z0-9-]+):", (REPOSITORY / makefile).read_text(encoding="utf-8"), re.MULTILINE))
+        assert (named := set(re.findall(pattern, text)) - {"-c"}) and named <= targets | {"-"}, named - targets
+    for table in re.findall(r"--table ([a-z]+)", text):
+        assert table in collect.TABLES
+
+
+def test_make_help_has_a_line_for_each_target():
+    makefile = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
+    phony = re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)[1].split()
+    lines = [name for name in phony if re.search(rf"^{name}:.*  # \w", makefile, re.MULTILINE)]
+    assert 12 <= len(phony) <= 14 and lines == phony

@@ -53,7 +53,7 @@ def compare_channels(reference: Scene, other: Scene | Texf, samples: int = SAMPL
     between normals with the map. "coverage": how many points of masked materials are seen in the reference alone, "lost", and in
     the other alone, "gained", as shares of those seen in the reference. Points that the reference does not show weigh nothing.
     """
-    points = _Points(reference, other, samples, threads)
+    points = Points(reference, other, samples, threads)
     lights = Lighting(reference), Lighting(other)
     names = lights[0].table.wanted_channels() | lights[1].table.wanted_channels()
     channels = _alpha_errors(points)
@@ -66,13 +66,13 @@ def compare_channels(reference: Scene, other: Scene | Texf, samples: int = SAMPL
     lit = np.flatnonzero(points.weight * ~np.array([m.unlit for m in reference.materials], bool)[points.material])
     normals = None
     if len(lit):
-        sides = [_normals(points, lights, side, "normal", lit) for side in (0, 1)]
+        sides = [normals_at(points, lights, side, "normal", lit) for side in (0, 1)]
         normals = {name: angular_error(sides[0][k], sides[1][k], points.weight[lit])
                    for k, name in enumerate(("without_map", "with_map"))}
     return {"channels": channels, "normals": normals, "samples": len(points.weight)}
 
 
-class _Points:
+class Points:
     """Points of both sides that belong together. at: of each side (face int64 [M], bary float64 [M, 3]); rgba: of each side;
     material: int64 [M] of the reference; weight: float64 [M], how much of a point the reference shows."""
 
@@ -137,11 +137,11 @@ def _psnr(mse):
 
 
 def _degrees(points, lights, name, rows):
-    ours, theirs = (_normals(points, lights, side, name, rows)[1] for side in (0, 1))
+    ours, theirs = (normals_at(points, lights, side, name, rows)[1] for side in (0, 1))
     return angular_error(ours, theirs, points.weight[rows])
 
 
-def _normals(points, lights, side, name, rows):
+def normals_at(points, lights, side, name, rows):
     """Normals of one side without and with a map."""
     face, bary = points.at[side]
     pairs = [lights[side].normals(name, face[rows[i : i + BLOCK]], bary[rows[i : i + BLOCK]]) for i in range(0, len(rows), BLOCK)]

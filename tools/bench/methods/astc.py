@@ -10,12 +10,12 @@ Needs astc-encoder-py, `pip install "texfcodec[baselines]"`; its "thorough" pres
 """
 
 import hashlib
-import json
-from dataclasses import asdict, replace
+import pickle
+from dataclasses import replace
 
 import numpy as np
 
-from texfcodec.scene.scene import Material, Scene, Texture
+from texfcodec.scene.scene import Texture
 from tools.bench.methods import Method, checked_options, draco_mesh, method, parametrise, sheets, source_hash, versions_of
 from tools.bench.methods.parametrise import PARAMETRISATIONS, SOURCE_UVS, Request, reparametrised, side_of
 from tools.bench.methods.sheets import COLOUR, NORMAL, map_sheets, three_components, two_components
@@ -30,8 +30,7 @@ PROFILES = {"ldr": "LDR", "srgb": "LDR_SRGB"}
 BLOCK_BYTES, UV_STEPS = 16, 65535
 HANDLING = {"uv_bytes": ("uint16", "none"), "maps": ("none", "all"), "parametrisation": PARAMETRISATIONS}  # of any image codec
 CHOICES = {"block": BLOCKS, "profile": tuple(PROFILES), "normals": ("xy", "rgb"), **HANDLING}
-FRAMES = ("corner_normal", "corner_tangent")  # handed through, as geometry is
-SOURCE, LAYOUT, UVS, IMAGE = "source.npz", "layout.json", "uv.uint16", "image{}.blocks"
+LAYOUT, UVS, IMAGE = "layout.pickle", "uv.uint16", "image{}.blocks"
 
 
 @method("astc")
@@ -59,8 +58,8 @@ class Astc(Method):
         codec.dec_image(codec.enc_image(np.zeros((16, 16, 4), np.uint8)), 16, 16)
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes IMAGE for each image and, if they count, UVS: files of just the bytes that are counted; LAYOUT and SOURCE hold
-        what is handed through. LookupError: no face of the scene has a texture. ValueError: an option is out of range."""
+        """Writes IMAGE for each image and, if they count, UVS: files of just the bytes that are counted; LAYOUT holds what is
+        handed through. LookupError: no face of the scene has a texture. ValueError: an option is out of range."""
         codec = self.codec(options, threads)
         with report.stage("parametrisation"):
             scene = _asked_scene(scene, codec.options, folder.parent, threads)
@@ -68,13 +67,15 @@ class Astc(Method):
         sheets, placed = map_sheets(scene)
         kinds = [COLOUR] * len(images) + [sheet.kind for sheet in sheets]
         first, images = len(textures), [codec.shipped(image) for image in (*images, *(sheet.image for sheet in sheets))]
-        textures += [{"image": len(images) - len(sheets) + n, "wrap": list(sheet.wrap), "name": "+".join(sheet.names)}
-                     for n, sheet in enumerate(sheets)]
+        textures += [(len(images) - len(sheets) + n, sheet.wrap, "+".join(sheet.names)) for n, sheet in enumerate(sheets)]
         vertex_uv, corner_vertex = textured_vertices(scene)
         if scene.corner_color is not None and (scene.corner_color != 1).any():
             report.warnings.append("vertex colours are handed through as they are and not counted")
-        layout = {"images": [image.shape[1::-1] for image in images], "kinds": kinds, "textures": textures,
-                  "uv_box": None, "materials": [_told(m, placed[n], first) for n, m in enumerate(scene.materials)]}
+        materials = [replace(m, maps={name: first + n for name, n in placed[number].items()})
+                     for number, m in enumerate(scene.materials)]
+        layout = {"images": [image.shape[1::-1] for image in images], "kinds": kinds, "textures": textures, "uv_box": None,
+                  "corner_vertex": corner_vertex, "scene": replace(scene, textures=[], materials=materials, map_uv={},
+                                                                   corner_uv=np.zeros((len(scene.faces), 3, 2)), files={})}
         with report.stage("textures"):
             coded = [codec.enc_image(image, kind) for image, kind in zip(images, kinds, strict=True)]
         sizes = {"texture": sum(map(len, coded)), "uv": 0}
@@ -88,32 +89,23 @@ class Astc(Method):
                        for data, size, kind in zip(coded, layout["images"], kinds, strict=True)]
         for number, data in enumerate(coded):
             (folder / IMAGE.format(number)).write_bytes(data)
-        (folder / LAYOUT).write_text(json.dumps(layout), encoding="utf-8")
-        colour = np.zeros((0, 3, 4), np.float32) if scene.corner_color is None else scene.corner_color
-        np.savez(folder / SOURCE, positions=scene.positions, faces=scene.faces, face_material=scene.face_material,
-                 corner_color=colour, corner_vertex=corner_vertex, vertex_uv=vertex_uv[: 0 if layout["uv_box"] else None],
-                 **{name: frame for name in FRAMES if (frame := getattr(scene, name)) is not None})
+        layout["vertex_uv"] = None if layout["uv_box"] else vertex_uv
+        (folder / LAYOUT).write_bytes(pickle.dumps(layout))
         return {"bytes": {"total": sum(sizes.values()), "geometry": 0, **sizes},
                 "reconstruction_sha256": hash_of(decoded, vertex_uv[corner_vertex]), **codec.options, "images": layout["images"],
                 "uv_vertices": len(vertex_uv), "uv_box": layout["uv_box"]}
 
     def decode(self, folder, options, threads, report):
         """The Scene with the decoded textures and the UVs that were counted."""
-        codec, layout = self.codec(options, threads), json.loads((folder / LAYOUT).read_text(encoding="utf-8"))
+        codec, layout = self.codec(options, threads), pickle.loads((folder / LAYOUT).read_bytes())
         with report.stage("textures"):
             images = [codec.dec_image((folder / IMAGE.format(number)).read_bytes(), *size, kind)
                       for number, (size, kind) in enumerate(zip(layout["images"], layout["kinds"], strict=True))]
-        with np.load(folder / SOURCE) as file:
-            source = dict(file)
-        vertex_uv = source["vertex_uv"]
+        vertex_uv, scene = layout["vertex_uv"], layout["scene"]
         if layout["uv_box"]:
             vertex_uv = dequantise_uv(np.fromfile(folder / UVS, "<u2").reshape(-1, 2), layout["uv_box"])
-        textures = [Texture(images[t["image"]], tuple(t["wrap"]), t["name"]) for t in layout["textures"]]
-        materials = [Material(**m | {"factor": np.array(m["factor"])}) for m in layout["materials"]]
-        scene = Scene(source["positions"], source["faces"], source["face_material"], np.zeros((len(source["faces"]), 3, 2)),
-                      source["corner_color"] if len(source["corner_color"]) else None, materials, textures)
-        scene.corner_uv[textured_faces(scene)] = vertex_uv[source["corner_vertex"]]
-        scene.corner_normal, scene.corner_tangent = (source.get(name) for name in FRAMES)
+        scene.textures = [Texture(images[number], tuple(wrap), name) for number, wrap, name in layout["textures"]]
+        scene.corner_uv[textured_faces(scene)] = vertex_uv[layout["corner_vertex"]]
         return scene
 
     def values_sha256(self, decoded):
@@ -132,12 +124,7 @@ def _asked_scene(scene, options, keep, threads):
         return replace(scene, materials=[replace(m, maps={}) for m in scene.materials])
     from tools.bench.map_errors import needed_maps
 
-    return needed_maps(scene)[0]
-
-
-def _told(material, placed, first):
-    """A Material for LAYOUT. placed: numbers of sheets by channel; first: of their textures."""
-    return asdict(material) | {"factor": material.factor.tolist(), "maps": {name: first + n for name, n in placed.items()}}
+    return needed_maps(scene)
 
 
 class Codec:
@@ -209,7 +196,7 @@ def textured_faces(scene):
 
 
 def used_textures(scene):
-    """(images uint8 [H, W, 4], each once; [{"image": its number, "wrap", "name"}] per texture of the scene) of what faces use.
+    """(images uint8 [H, W, 4], each once; [(number of its image, wrap, name)] per texture of the scene) of what faces use.
 
     A texture that no face uses has image 0, which nobody asks. LookupError: no face has a texture.
     """
@@ -218,7 +205,7 @@ def used_textures(scene):
         raise LookupError("no face has a base-colour texture, and ASTC codes nothing else, no vertex colours either")
     images = {id(scene.textures[t].image): scene.textures[t].image for t in sorted(used)}
     numbers = {key: number for number, key in enumerate(images)}
-    textures = [{"image": numbers.get(id(t.image), 0), "wrap": list(t.wrap), "name": t.name} for t in scene.textures]
+    textures = [(numbers.get(id(t.image), 0), t.wrap, t.name) for t in scene.textures]
     return list(images.values()), textures
 
 

@@ -38,9 +38,6 @@ TRANSFORMS = {
 CLOUD, STREAM_FILE, RECONSTRUCTION, LOG = "cloud{}.ply", "cloud{}.bin", "cloud{}.decoded.ply", "program.txt"
 ATTRIBUTE_BRICK = 4  # type of a payload: a byte, then 32 bits of length, most significant byte first
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")])
-PLY_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8",
-             "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4",
-             "float64": "f8"}
 
 
 @method("external")
@@ -147,28 +144,17 @@ def write_ply(path, xyz, rgb):
 
 
 def read_ply(path):
-    """(xyz float64 [N, 3], rgb uint8 [N, 3]) of a PLY file of points, text or binary little-endian. ValueError: it is something
-    else."""
-    data = path.read_bytes() if path.is_file() else b""
-    head, found, body = data.partition(b"end_header\n")
-    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
-    count = next((int(line[2]) for line in lines if line[:2] == ["element", "vertex"]), -1)
-    names = [(line[2], PLY_TYPES.get(line[1])) for line in lines if line[:1] == ["property"] and len(line) == 3]
-    form = next((line[1] for line in lines if line[:1] == ["format"]), "")
-    if not found or count < 0 or None in dict(names).values() or not {*POINT.names} <= dict(names).keys():
-        raise ValueError("what the program decoded is no PLY file of points with colours")
-    if form == "ascii":
-        table = np.array(body.split(), np.float64)
-        if len(table) != count * len(names):
-            raise ValueError("the decoded PLY file has other rows than it says")
-        columns = dict(zip([name for name, _ in names], table.reshape(count, len(names)).T, strict=True))
-    else:
-        kind = np.dtype([(name, "<" + letter) for name, letter in names])
-        if form != "binary_little_endian" or len(body) < count * kind.itemsize:
-            raise ValueError("the decoded PLY file is cut off, or neither text nor binary little-endian")
-        columns = np.frombuffer(body, kind, count)
-    xyz = np.stack([np.asarray(columns[name], np.float64) for name in "xyz"], axis=1)
-    return xyz, np.stack([np.asarray(columns[name]) for name in ("red", "green", "blue")], axis=1).astype(np.uint8)
+    """(xyz float64 [N, 3], rgb uint8 [N, 3]) of a PLY file of points, by trimesh. ValueError: it is something else."""
+    import trimesh
+
+    try:
+        cloud = trimesh.load(path, file_type="ply", process=False)
+        xyz, rgb = np.asarray(cloud.vertices, np.float64), np.asarray(cloud.colors)[:, :3]
+    except Exception as error:  # what a program writes may be anything
+        raise ValueError(f"what the program decoded is no PLY file of points with colours: {error}") from error
+    if xyz.shape != rgb.shape:
+        raise ValueError("what the program decoded is a PLY file of points without colours")
+    return xyz, rgb
 
 
 def read_colours(path, keys):

@@ -20,13 +20,13 @@ make TANGENTs, and maps that the file's turn over are turned back first.
 """
 
 import hashlib
-import json
-from dataclasses import asdict
+import pickle
+from dataclasses import replace
 
 import numpy as np
 from PIL import Image
 
-from texfcodec.geometry.canonical import CanonicalCube, fit_cube
+from texfcodec.geometry.canonical import fit_cube
 from texfcodec.scene.scene import Material, Scene, Texture
 from tools.bench.methods import Method, draco_mesh, image_codecs, method, parametrise, source_hash
 from tools.bench.methods.draco_mesh import dec_mesh, enc_mesh, positions_alone, quantise_uv, rival_of, uv_boxes
@@ -35,7 +35,7 @@ DEFAULTS = {"parametrisation": "source", "codec": "hevc", "quality": 35, "chroma
             "size": 0, "seconds": parametrise.SECONDS, "colour_bits": 0, "maps": "none", "normal_bits": 0, "tangent_bits": 0}
 UV_BITS, LARGE_UV_BITS, LARGE, MOST_UV_BITS = 12, 13, 2048, 20
 CORNER_BITS = {"colour_bits": 12, "normal_bits": 16, "tangent_bits": 16}  # the most of each
-MESH, IMAGE, LAYOUT, HANDED = "mesh{}.drc", "image{}.{}", "layout.json", "handed.npz"
+MESH, IMAGE, LAYOUT = "mesh{}.drc", "image{}.{}", "layout.pickle"
 WORTH = 0.8  # of a smaller image: bytes, times the error to this power
 
 
@@ -67,7 +67,7 @@ class Uv(Method):
         image_codecs.dec_image(image_codecs.enc_image(np.zeros((32, 32, 3), np.uint8), *kind), options["codec"], 32, 32)
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes MESH, IMAGE, LAYOUT and HANDED. LookupError: nothing has a texture. ValueError: an option is out of range.
+        """Writes MESH, IMAGE and LAYOUT. LookupError: nothing has a texture. ValueError: an option is out of range.
         NoAtlas: there is no new parametrisation."""
         options = checked(options)
         if options["maps"] == "all":
@@ -82,7 +82,7 @@ class Uv(Method):
         rival, cube = rival_of(scene, with_maps=options["maps"] == "all"), fit_cube(scene.positions, parametrise.POSITION_BITS)
         with report.stage("mesh"):
             bits = uv_bits_of(rival, options)
-            meshes, handed, facts = enc_meshes(rival, bits, options)
+            meshes, facts = enc_meshes(rival, bits, options)
             positions = positions_alone(rival.lattice, rival.scene.faces)
         with report.stage("textures"):
             coded, sizes = enc_images(rival, options, threads)
@@ -92,8 +92,7 @@ class Uv(Method):
             (folder / MESH.format(number)).write_bytes(data)
         for number, data in enumerate(coded):
             (folder / IMAGE.format(number, options["codec"])).write_bytes(data)
-        (folder / LAYOUT).write_text(json.dumps(facts | sizes | layout_of(rival, cube, options)), encoding="utf-8")
-        np.savez(folder / HANDED, **handed)
+        (folder / LAYOUT).write_bytes(pickle.dumps(facts | sizes | handed_through(rival, options, cube)))
         total, texture = sum(map(len, meshes)), sum(map(len, coded))
         with report.stage("reconstruction"):
             sha256 = self.values_sha256(decoded(folder))
@@ -155,7 +154,7 @@ def shown_in_light(scene):
     """The Scene without maps that show nothing or one value alone, its maps upright. LookupError: a map has UVs of its own."""
     from tools.bench.map_errors import needed_maps
 
-    scene = needed_maps(scene)[0]
+    scene = needed_maps(scene)
     if scene.map_uv:
         raise LookupError("maps with UVs of their own are not counted here")
     return draco_mesh.upright(scene)
@@ -174,8 +173,8 @@ def corner_parts(rival, bits, options):
 
 
 def enc_meshes(rival, bits, options):
-    """(Draco bytes by mesh, {"face_material", "corner_color"} in the order of their faces, facts for LAYOUT): one mesh per
-    material or one of all, whichever is smaller."""
+    """(Draco bytes by mesh, what LAYOUT has of them, by corner in the order of their faces): one mesh per material or one of all,
+    whichever is smaller."""
     material, faces = rival.scene.face_material, rival.scene.faces
     parts, part_bits = corner_parts(rival, bits, options)
 
@@ -195,25 +194,24 @@ def enc_meshes(rival, bits, options):
         order.append(chosen[face])
         turns.append(turn)
     order, turn = np.concatenate(order), np.concatenate(turns)
-    colour = np.zeros((0, 3, 4), np.float32)
+    colour = None
     if rival.is_coloured and "colour" not in parts:
         colour = rival.scene.corner_color[order[:, None], (np.arange(3) + turn[:, None]) % 3]
     low, side = uv_boxes(rival)
     alpha = float(parts["colour"][0, 0, 3]) / ((1 << options["colour_bits"]) - 1) if "colour" in parts else 1.0
-    return made[best], {"face_material": material[order], "corner_color": colour}, {
-        "meshes": len(made[best]), "uv_bits": bits, "uv_low": low.tolist(), "uv_side": side.tolist(), "colour_alpha": alpha,
-        "colour_bits": options["colour_bits"], "tangent_bits": options["tangent_bits"]}
+    return made[best], {"meshes": len(made[best]), "uv_bits": bits, "uv_low": low, "uv_side": side, "colour_alpha": alpha,
+                        "face_material": material[order], "corner_color": colour}
 
 
-def dec_meshes(folder, layout, handed):
+def dec_meshes(folder, layout):
     """(lattice int64 [V, 3], faces int64 [F, 3], {"corner_uv" and others of a Scene}) of the files MESH."""
     meshes = [dec_mesh((folder / MESH.format(number)).read_bytes()) for number in range(layout["meshes"])]
     corners = np.concatenate([mesh["vertex"] for mesh in meshes])
     lattice, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    low, side = (np.array(layout[name])[handed["face_material"]] for name in ("uv_low", "uv_side"))
+    low, side = (layout[name][layout["face_material"]] for name in ("uv_low", "uv_side"))
     share = np.concatenate([mesh.get("uv", np.zeros((len(mesh["vertex"]), 3, 2))) for mesh in meshes])
     looks = {"corner_uv": low[:, None] + share / ((1 << layout["uv_bits"]) - 1) * side[:, None, None],
-             "corner_color": handed["corner_color"] if len(handed["corner_color"]) else None}
+             "corner_color": layout["corner_color"]}
     if "colour" in meshes[0]:
         colours = [np.full((len(mesh["vertex"]), 3, 4), layout["colour_alpha"], np.float32) for mesh in meshes]
         for mesh, colour in zip(meshes, colours, strict=True):
@@ -231,9 +229,8 @@ def dec_meshes(folder, layout, handed):
 
 
 def enc_images(rival, options, threads):
-    """(bytes of each image, {"images": their [width, height], "columns": those of each that are coded}). Columns that nothing
-    asks are flat; one alone is grey."""
-    out, sizes, columns = [], [], []
+    """(bytes of each image, {"images": their [width, height]}). Columns that nothing asks are flat; one alone is grey."""
+    out, sizes = [], []
     scale = options["scale"] if options["parametrisation"] == parametrise.SOURCE_UVS else 1
     for key, image in rival.images.items():
         asked = sorted(rival.columns[key])
@@ -247,8 +244,7 @@ def enc_images(rival, options, threads):
             image = resized(image, [max(1, round(side * scale)) for side in image.shape[1::-1]], rival.with_maps)
         out.append(_coded(image, asked, options, threads))
         sizes.append(image.shape[1::-1])
-        columns.append(asked)
-    return out, {"images": sizes, "columns": columns}
+    return out, {"images": sizes}
 
 
 def resized(image, size, alpha_is_data):
@@ -270,31 +266,24 @@ def _coded(image, asked, options, threads):
     return ways[int(np.argmin(costs))]
 
 
-def layout_of(rival, cube, options):
-    """What else a file format would say, JSON-ready. cube: CanonicalCube of the lattice."""
+def handed_through(rival, options, cube):
+    """What else a file format would say. cube: CanonicalCube of the lattice."""
     numbers = {key: number for number, key in enumerate(rival.images)}
-    textures = [{"image": numbers.get(key, 0), "wrap": list(t.wrap), "name": t.name}
-                for key, t in zip(rival.content, rival.scene.textures, strict=True)]
-    left_out = ("normals",) if rival.with_maps else ("maps", "parameters", "normals")
-    materials = [{name: value for name, value in asdict(m).items() if name not in left_out} | {"factor": m.factor.tolist()}
-                 for m in rival.scene.materials]
-    return {"codec": options["codec"], "textures": textures, "materials": materials, "cube": [cube.origin, cube.side]}
+    textures = [(numbers.get(key, 0), t.wrap, t.name) for key, t in zip(rival.content, rival.scene.textures, strict=True)]
+    bare = {"normals": Material().normals} | ({} if rival.with_maps else {"maps": {}, "parameters": {}})
+    return {"textures": textures, "materials": [replace(m, **bare) for m in rival.scene.materials], "cube": cube,
+            **{name: options[name] for name in ("codec", "colour_bits", "tangent_bits")}}
 
 
 def decoded(folder):
     """The Scene of a folder's files."""
-    layout = json.loads((folder / LAYOUT).read_text(encoding="utf-8"))
-    with np.load(folder / HANDED) as file:
-        handed = dict(file)
-    lattice, faces, looks = dec_meshes(folder, layout, handed)
+    layout = pickle.loads((folder / LAYOUT).read_bytes())
+    lattice, faces, looks = dec_meshes(folder, layout)
     images = [image_codecs.dec_image((folder / IMAGE.format(number, layout["codec"])).read_bytes(), layout["codec"], *size)
               for number, size in enumerate(layout["images"])]
-    textures = [Texture(images[t["image"]], tuple(t["wrap"]), t["name"]) for t in layout["textures"]] if images else []
-    materials = [Material(**m | {"factor": np.array(m["factor"])}) for m in layout["materials"]]
-    origin, side = layout["cube"]
-    positions = CanonicalCube(tuple(origin), side, parametrise.POSITION_BITS).to_world(lattice)
-    scene = Scene(positions, faces, handed["face_material"], looks.pop("corner_uv"), looks.pop("corner_color"), materials,
-                  textures)
+    textures = [Texture(images[number], wrap, name) for number, wrap, name in layout["textures"]] if images else []
+    scene = Scene(layout["cube"].to_world(lattice), faces, layout["face_material"], looks.pop("corner_uv"),
+                  looks.pop("corner_color"), layout["materials"], textures)
     for name, values in looks.items():
         setattr(scene, name, values)
     return scene

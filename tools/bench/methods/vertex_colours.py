@@ -264,13 +264,3 @@ def dec_parts(data):
         parts.append((Look(mode, bool(sides), cutoff), np.asarray(mesh.points).astype(np.int64),
                       np.asarray(mesh.faces).astype(np.int64), colour))
     return Painted(CanonicalCube(tuple(origin), side, position_bits), bits, parts)
-
-
-def hash_of(scene):
-    """SHA-256 over the faces of a Scene with their colours, in whatever order faces and corners stand."""
-    order = np.argsort(scene.faces, axis=1)  # positions of Painted.scene() are sorted
-    corners, colours = np.take_along_axis(scene.faces, order, 1), np.take_along_axis(scene.corner_color, order[..., None], 1)
-    rows = np.column_stack([scene.face_material, corners, colours.reshape(len(order), -1)])
-    total = hashlib.sha256(np.ascontiguousarray(scene.positions, "<f8"))
-    total.update(np.ascontiguousarray(rows[np.lexsort(rows.T)], "<f8"))
-    return total.hexdigest()

@@ -59,8 +59,8 @@ KNOBS = {
 
 
 class Cell(NamedTuple):
-    """A value of a knob on one asset. percent: bytes above the curve at equal quality, None where it does not say; cost: what is
-    compared beside seconds; by: values that dominate it."""
+    """A value of a knob on one asset. percent: bytes above the curve at equal quality, None where it does not say; by: values
+    that dominate it."""
 
     value: str
     seconds: float
@@ -68,10 +68,6 @@ class Cell(NamedTuple):
     quality: float
     percent: float | None
     by: tuple = ()
-
-    def costs(self):
-        """(percent or None, bytes, -dB)."""
-        return (self.percent,) if self.percent is not None else (self.size, -self.quality)
 
 
 def dominates(a, b):

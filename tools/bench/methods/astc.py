@@ -9,14 +9,23 @@ parametrisation and one image of as many texels (parametrise.py), on geometry of
 Needs astc-encoder-py, `pip install "texfcodec[baselines]"`; its "thorough" preset is quality 98.
 """
 
-import hashlib
 import pickle
 from dataclasses import replace
 
 import numpy as np
 
 from texfcodec.scene.scene import Texture
-from tools.bench.methods import Method, checked_options, draco_mesh, method, parametrise, sheets, source_hash, versions_of
+from tools.bench.methods import (
+    Method,
+    checked_options,
+    draco_mesh,
+    hash_of,
+    method,
+    parametrise,
+    sheets,
+    source_hash,
+    versions_of,
+)
 from tools.bench.methods.parametrise import PARAMETRISATIONS, SOURCE_UVS, Request, reparametrised, side_of
 from tools.bench.methods.sheets import COLOUR, NORMAL, map_sheets, three_components, two_components
 
@@ -92,7 +101,7 @@ class Astc(Method):
         layout["vertex_uv"] = None if layout["uv_box"] else vertex_uv
         (folder / LAYOUT).write_bytes(pickle.dumps(layout))
         return {"bytes": {"total": sum(sizes.values()), "geometry": 0, **sizes},
-                "reconstruction_sha256": hash_of(decoded, vertex_uv[corner_vertex]), **codec.options, "images": layout["images"],
+                "reconstruction_sha256": hash_of(*decoded, vertex_uv[corner_vertex]), **codec.options, "images": layout["images"],
                 "uv_vertices": len(vertex_uv), "uv_box": layout["uv_box"]}
 
     def decode(self, folder, options, threads, report):
@@ -111,7 +120,7 @@ class Astc(Method):
     def values_sha256(self, decoded):
         """As the encoder's: of the images in the order of their textures, then of the UVs of the textured faces."""
         images = {id(t.image): t.image for t in decoded.textures}
-        return hash_of(images.values(), decoded.corner_uv[textured_faces(decoded)])
+        return hash_of(*images.values(), decoded.corner_uv[textured_faces(decoded)])
 
 
 def _asked_scene(scene, options, keep, threads):
@@ -233,12 +242,3 @@ def dequantise_uv(steps, box):
     """UVs float64 [N, 2] of uint16 [N, 2]; at most half of 1 / UV_STEPS of the box's side away from what they were."""
     low, high = np.array(box)
     return low + steps.astype(np.float64) / UV_STEPS * (high - low)
-
-
-def hash_of(images, corner_uv):
-    """SHA-256, hexadecimal, over uint8 images [H, W, 4] and then corner UVs as little-endian float64 [T, 3, 2]."""
-    total = hashlib.sha256()
-    for image in images:
-        total.update(np.ascontiguousarray(image))
-    total.update(np.ascontiguousarray(corner_uv, "<f8"))
-    return total.hexdigest()

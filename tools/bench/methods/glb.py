@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from texfcodec.scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
+from tools.bench.methods import hash_of
 
 POSITION_BITS = 14
 WHOLE, BARE = "whole.glb", "geometry.glb"
@@ -174,11 +175,8 @@ def weights_of(path):
 
 
 def scene_sha256(scene):
-    """SHA-256, hexadecimal, over positions, faces, UVs and images of a Scene."""
-    total = hashlib.sha256()
-    for values in (scene.positions, scene.faces, scene.corner_uv, *(t.image for t in scene.textures)):
-        total.update(np.ascontiguousarray(values))
-    return total.hexdigest()
+    """hash_of() positions, faces, UVs and images of a Scene."""
+    return hash_of(scene.positions, scene.faces, scene.corner_uv, *(t.image for t in scene.textures))
 
 
 def facts_of(folder, scene):

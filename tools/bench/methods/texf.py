@@ -1,15 +1,12 @@
 """Our own codec as a method of rate_points.py."""
 
-import hashlib
 from contextlib import contextmanager
 from dataclasses import fields
-
-import numpy as np
 
 from texfcodec.codecs import codec_of
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import DEFAULT_CODEC, EncodeOptions
-from tools.bench.methods import Method, draco_mesh, method, source_hash, versions_of
+from tools.bench.methods import Method, draco_mesh, hash_of, method, source_hash, versions_of
 
 STREAM, BAKED = "stream.texf", "baked.glb"
 NOT_SETTINGS = {"threads", "measure", "limits", "checkpoint"}
@@ -92,12 +89,7 @@ class TexfMethod(Method):
     def values_sha256(self, decoded):
         """As Encoded.reconstruction_sha256 of the encoder: field by field and channel by channel, the keys
         as 64-bit little-endian numbers, then the uint8 values [N, C]."""
-        total = hashlib.sha256()
-        for field in decoded.fields:
-            for plane in field.planes.values():
-                total.update(np.ascontiguousarray(field.keys, "<i8"))
-                total.update(np.ascontiguousarray(plane))
-        return total.hexdigest()
+        return hash_of(*(part for field in decoded.fields for plane in field.planes.values() for part in (field.keys, plane)))
 
 
 @method("texf_baked")

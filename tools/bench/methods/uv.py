@@ -19,7 +19,6 @@ columns that nothing asks are flat, one alone is grey. normal_bits are those of 
 make TANGENTs, and maps that the file's turn over are turned back first.
 """
 
-import hashlib
 import pickle
 from dataclasses import replace
 
@@ -28,7 +27,7 @@ from PIL import Image
 
 from texfcodec.geometry.canonical import fit_cube
 from texfcodec.scene.scene import Material, Scene, Texture
-from tools.bench.methods import Method, draco_mesh, image_codecs, method, parametrise, source_hash
+from tools.bench.methods import Method, draco_mesh, hash_of, image_codecs, method, parametrise, source_hash
 from tools.bench.methods.draco_mesh import dec_mesh, enc_mesh, positions_alone, quantise_uv, rival_of, uv_boxes
 
 DEFAULTS = {"parametrisation": "source", "codec": "hevc", "quality": 35, "chroma": "420", "uv_bits": "auto", "scale": 1.0,
@@ -106,13 +105,8 @@ class Uv(Method):
             return decoded(folder)
 
     def values_sha256(self, decoded):
-        """Over images, then positions and UVs of corners as little-endian float64."""
-        total = hashlib.sha256()
-        for texture in decoded.textures:
-            total.update(np.ascontiguousarray(texture.image))
-        for values in (decoded.positions[decoded.faces], decoded.corner_uv):
-            total.update(np.ascontiguousarray(values, "<f8"))
-        return total.hexdigest()
+        """Over images, then positions and UVs of corners."""
+        return hash_of(*(texture.image for texture in decoded.textures), decoded.positions[decoded.faces], decoded.corner_uv)
 
 
 def checked(options):

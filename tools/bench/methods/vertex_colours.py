@@ -8,7 +8,6 @@ sRGB-coded, which suits few bits, and are made linear before they are interpolat
 What a user pays beside geometry is all that Draco needs more than for the positions of the mesh as it was, as one mesh.
 """
 
-import hashlib
 import struct
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -21,7 +20,7 @@ from texfcodec.options import EncodeOptions
 from texfcodec.scene.fetch import pack_source, sample_source
 from texfcodec.scene.scene import ALPHA_OPAQUE, Material, Scene
 from texfcodec.scene.srgb import srgb_to_linear
-from tools.bench.methods import Method, checked_options, draco_mesh, method, source_hash, versions_of
+from tools.bench.methods import Method, checked_options, draco_mesh, hash_of, method, source_hash, versions_of
 
 DEFAULTS = {"density": 256, "colour_bits": 8, "position_bits": 14}
 RANGES = {"density": (1, 8192), "colour_bits": (1, 8), "position_bits": (8, 20)}
@@ -62,7 +61,7 @@ class VertexColours(Method):
         return {"bytes": {"total": len(data), "geometry": plain, "colours": len(data) - plain}, **asked,
                 "faces": sum(len(faces) for _, _, faces, _ in made.parts), "source_faces": len(scene.faces),
                 "vertices": sum(len(lattice) for _, lattice, _, _ in made.parts),
-                "reconstruction_sha256": hash_of(made.scene())}
+                "reconstruction_sha256": self.values_sha256(dec_parts(data).scene())}
 
     def decode(self, folder, options, threads, report):
         """The Scene with vertex colours."""
@@ -70,8 +69,8 @@ class VertexColours(Method):
             return dec_parts((folder / MESH).read_bytes()).scene()
 
     def values_sha256(self, decoded):
-        """As the encoder's: of the faces with their colours, in whatever order."""
-        return hash_of(decoded)
+        """Over positions, faces and colours."""
+        return hash_of(decoded.positions, decoded.faces, decoded.corner_color)
 
 
 def checked(options):

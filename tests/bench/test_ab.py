@@ -110,7 +110,8 @@ def test_the_page_of_costs_has_the_largest_of_either_side(monkeypatch):
     side = {"before": {"wall": 5.0, "costs": {"a.f": 3.0, "a.g": 2.0, "a.h": 0.5}},
             "after": {"wall": 2.0, "costs": {"a.f": 0.25, "a.h": 1.5}}}
     text = ab.page_of("costs", FOUND | {"rows": {"cube": {"encode": side, "save": side}}})
-    assert [line[2:] for line in text.splitlines() if "`" in line] == ["`a.h` | 0.50 | 1.50 |", "`a.f` | 3.00 | 0.25 |"] * 2
+    lines = [line[2:] for line in text.splitlines() if line.startswith("| `")]
+    assert lines == ["`a.h` | 0.50 | 1.50 |", "`a.f` | 3.00 | 0.25 |"] * 2
     assert cells(text, "all") == ["all", "5.5", "1.8"] and cells(text, "by the wall clock")[1:] == ["5.0", "2.0"]
 
 

@@ -88,8 +88,9 @@ def test_tools_have_a_row_each_that_changes_something(clouds, capsys):
     assert all(float(s) >= 0 for name in names for s in rows[name][3:])
 
 
-def test_texels_stand_against_avif_and_lossless_images(painted, capsys):
+def test_texels_stand_against_avif_and_lossless_images(painted, capsys, monkeypatch):
     image, mask = painted
+    monkeypatch.setattr(attributes, "AVIF_QUALITIES", (20, 60, 94))
     rows = table(printed(capsys, "avif", "a/waves.glb", *QPS))
     assert float(rows["waves"][0]) == round(100 * mask.mean()) and rows["mean"] == rows["waves"]
     sizes = [int(size.replace(",", "")) for size in table(printed(capsys, "lossless", "a/waves.glb"))["waves"]]
@@ -108,7 +109,7 @@ def test_texels_of_an_asset_are_those_that_its_faces_ask(tmp_path, sample_scene)
 
     write_sample(tmp_path / "sample.glb")
     points = attributes.load_texels(tmp_path / "sample.glb")
-    assert 0 < points.mask.mean() < 1 and len(points.keys) == points.mask.sum() and points.image.shape[:2] == points.mask.shape
+    assert 0 < points.mask.mean() <= 1 and len(points.keys) == points.mask.sum() and points.image.shape[:2] == points.mask.shape
 
 
 def test_a_folder_without_clouds_is_named(tmp_path):

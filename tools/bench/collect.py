@@ -11,7 +11,7 @@ browser that loads nothing).
 A curve is one asset's settings of one group. With ANCHOR_DIR every group of DIR (or G alone) stands against the group A there, or
 the one of the same name, or the only one; without it, against each group A of DIR. BD-rate is the mean difference of rate at
 equal quality in percent, negative where fewer bytes are needed (metrics/bd_rate.py); exact points are left out. SSIM is compared
-in decibels, -10 log10(1 - SSIM), LPIPS as -10 log10(LPIPS). --rate texture, as the paper does it, counts all bytes but geometry;
+in decibels, -10 log10(1 - SSIM). --rate texture, as the paper does it, counts all bytes but geometry;
 total counts geometry as well. Pictures lie in the jobs' folders where the conditions ask for them ([evaluation] pictures).
 
 With --table a page of docs/ or its tables, Markdown, by the module of that name in tools/bench/tables: paper (results.md),

@@ -34,18 +34,9 @@ def measures(scene, decoded, evaluation, threads):
         measured["maps"] = map_errors(scene, decoded, evaluation["samples"], threads)
     if evaluation["views"]:
         measured["image"] = compare_views(scene, decoded, views=evaluation["views"], size=evaluation["size"],
-                                          ssim=evaluation["ssim"], lpips=_lpips(evaluation["lpips"]), threads=threads,
+                                          ssim=evaluation["ssim"], threads=threads,
                                           look=Look(environment=DAYLIGHT) if evaluation["lit"] else None)
     return measured
-
-
-def _lpips(weights):
-    """perceptual.Lpips over the weights of a path; None for "", none were named."""
-    if not weights:
-        return None
-    from texfcodec.metrics.perceptual import Lpips
-
-    return Lpips(weights)
 
 
 def views_shown(pictures, views):

@@ -19,7 +19,6 @@ CONDITIONS.toml (see tools/conditions/):
     ssim = false
     maps = false                                      # errors of the maps of materials
     lit = false                                       # views in daylight, by all maps
-    lpips = "alexnet.pth"                             # weights of AlexNet, beside this file; "", as without the line: no LPIPS
     pictures = 0                                      # of the views, as many, of source and decoded, in the job's folder
     picture_size = 512
     [[settings]]                                      # any number of them

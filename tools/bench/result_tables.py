@@ -12,7 +12,7 @@ import numpy as np
 
 from texfcodec.core.colour_error import EXACT
 from tools.bench.differences import summary
-from tools.bench.results import LOSS, at, measures_of, rate_of, value_of
+from tools.bench.results import PSNRS, at, measures_of, rate_of, value_of
 
 SUMMARIES = {"mean": np.mean, "median": np.median}
 
@@ -105,7 +105,7 @@ def missing_table(missing):
 
 def _measured(row, measure):
     value = value_of(row, measure)
-    return EXACT if value is not None and math.isinf(value) else _number(value, ".4f" if measure in LOSS else ".2f")
+    return EXACT if value is not None and math.isinf(value) else _number(value, ".2f" if measure in PSNRS else ".4f")
 
 
 def _number(value, form, factor=1):
@@ -122,8 +122,8 @@ def comparison(pairs, kind):
                "of quality that overlaps, or the number of assets in a mean or median of not all.")]
     if not any(tables.values()):
         return [*blocks, ("p", "The two have no asset in common.")]
-    if any(measure in LOSS for table in tables.values() for row in table.values() for measure in row):
-        blocks.append(("p", "SSIM is compared in decibels, -10 log10(1 - SSIM), and LPIPS as -10 log10(LPIPS)."))
+    if any("SSIM" in row for table in tables.values() for row in table.values()):
+        blocks.append(("p", "SSIM is compared in decibels, -10 log10(1 - SSIM)."))
     blocks += [("table", _by_asset(tables[names[0]]))] if len(names) == 1 else _by_measure(tables)
     notes = {}
     for name, table in tables.items():

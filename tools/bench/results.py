@@ -17,8 +17,7 @@ PSNRS = {
     "image PSNR Y": ("image", "psnr", "y"),
     "image PSNR RGB": ("image", "psnr", "rgb"),
 }
-MEASURES = {**PSNRS, "SSIM": ("image", "ssim"), "LPIPS": ("image", "lpips")}
-LOSS = {"SSIM": lambda value: 1 - value, "LPIPS": lambda value: value}  # compared as -10 log10 of these
+MEASURES = {**PSNRS, "SSIM": ("image", "ssim")}
 TOLD = ("asset", "setting", "group", "method", "state", "reason")  # of a row that is missing
 
 
@@ -74,19 +73,18 @@ def at(row, path):
 
 
 def value_of(row, measure):
-    """What a row has of one of MEASURES, as it stands there: a PSNR in dB, SSIM or LPIPS; None: not measured; inf: exact."""
+    """What a row has of one of MEASURES, as it stands there: a PSNR in dB or SSIM; None: not measured; inf: exact."""
     value = at(row, MEASURES[measure])
     is_exact = measure in PSNRS and value is None and at(row, MEASURES[measure][:-1]) is not None
     return math.inf if is_exact else value
 
 
 def quality_of(row, measure):
-    """value_of() in decibels, the unit in which curves are compared: SSIM as -10 log10(1 - SSIM), LPIPS as -10 log10(LPIPS)."""
+    """value_of() in decibels, the unit in which curves are compared: SSIM as -10 log10(1 - SSIM)."""
     value = value_of(row, measure)
     if value is None or measure in PSNRS:
         return value
-    loss = LOSS[measure](value)
-    return -10 * math.log10(loss) if loss > 0 else math.inf
+    return -10 * math.log10(1 - value) if value < 1 else math.inf
 
 
 def measures_of(rows):

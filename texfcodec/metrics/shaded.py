@@ -76,7 +76,7 @@ class Points:
     """Points of both sides that belong together. at: of each side (face int64 [M], bary float64 [M, 3]); rgba: of each side;
     material: int64 [M] of the reference; weight: float64 [M], how much of a point the reference shows."""
 
-    def __init__(self, reference, other, samples, threads):
+    def __init__(self, reference: Scene, other: Scene | Texf, samples: int, threads: int) -> None:
         self.sides, self.threads = (reference, other), threads
         asked = sample_surface(reference.positions, reference.faces, samples)
         places = FaceMatch(reference, other, threads).find(*asked)
@@ -85,7 +85,7 @@ class Points:
         self.rgba = [_colours(side, at, threads) for side, at in zip(self.sides, self.at, strict=True)]
         self.weight = opacity(reference.materials, self.material, self.rgba[0][:, 3]).astype(np.float64)
 
-    def rows_of(self, name, lights):
+    def rows_of(self, name: str, lights: tuple[Lighting, Lighting]) -> np.ndarray:
         """Points that are shown and whose material has a map of the channel on either side."""
         has = np.zeros(len(self.weight), bool)
         for (face, _), light in zip(self.at, lights, strict=True):
@@ -141,8 +141,8 @@ def _degrees(points, lights, name, rows):
     return angular_error(ours, theirs, points.weight[rows])
 
 
-def normals_at(points, lights, side, name, rows):
-    """Normals of one side without and with a map."""
+def normals_at(points: Points, lights: tuple[Lighting, Lighting], side: int, name: str, rows: np.ndarray) -> list[np.ndarray]:
+    """[without, with]: normals float [M, 3] of one side, 0 or 1, without and with the map of a channel, at rows int64 [M]."""
     face, bary = points.at[side]
     pairs = [lights[side].normals(name, face[rows[i : i + BLOCK]], bary[rows[i : i + BLOCK]]) for i in range(0, len(rows), BLOCK)]
     return [np.concatenate(parts) for parts in zip(*pairs, strict=True)]

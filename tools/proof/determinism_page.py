@@ -70,7 +70,8 @@ def page_of(runs, cases, verdicts, options):
     reference, *others = runs
     count = {text: sum(v.text == text for row in verdicts.values() for v in row.values()) for text in ORDER}
     total = sum(count.values())
-    lines = ["# Determinism", "", f"Made by `make -C tools determinism` (tools/proof/determinism.py) {made_on()}.", "", INTRODUCTION, "",
+    lines = ["# Determinism", "", f"Made by `make -C tools determinism` (tools/proof/determinism.py) {made_on()}.", "",
+             INTRODUCTION, "",
              f"Of {total} cells {count[SAME]} are the same, {count[NOT_RUN]} were not run, in {count[STREAM]} the encoder's "
              f"stream differs, in {count[ARRAYS]} a decoded array; {count[FAILS]} fail.", "", *_matrix(others, verdicts), "",
              "## Configurations", "", *_configurations(runs), "", "## Rows", "", *_rows(reference, cases, options)]

@@ -13,9 +13,9 @@ HEAD = """# Fuzzing
 Made by `make -C tools fuzz PAGE=docs/reports/fuzzing.md` {made}, from the runs so far.
 
 `tests/fuzz/` holds the targets, and `make -C tools fuzz SECONDS=n [TARGET=name]` runs them. A target takes bytes as choices,
-writes legal syntax, bends one or two elements under right checksums, and runs the part of the decoder, or the loader, that it is for.
-It may end in a value or in an error with a code; an exception, a crash, an input that takes longer than 10 s or adds more than
-256 MB to the process is a finding.
+writes legal syntax, bends one or two elements under right checksums, and runs the part of the decoder, or the loader, that it
+is for. It may end in a value or in an error with a code; an exception, a crash, an input that takes longer than 10 s or adds
+more than 256 MB to the process is a finding.
 
 Every target runs in three ways: *plain*, compiled, at full speed; *guided*, without the compiler, by a search that keeps inputs
 which reach new code (atheris where it is installed, else a loop of our own); *checked*, what was kept once more, compiled with

@@ -37,7 +37,8 @@ def page_of(found, equivalents, told=""):
     survivors = [m for m, killer in found.items() if killer is None and m.name not in equivalents]
     settled = len(found) - len(survivors)
     share = f"{settled / max(len(found), 1):.1%}"
-    out = ["# Mutants of the reference decoder", "", f"Made by `make -C tools mutants` (tools/proof/mutants.py) {made_on()}: one rule of "
+    out = ["# Mutants of the reference decoder", "",
+           f"Made by `make -C tools mutants` (tools/proof/mutants.py) {made_on()}: one rule of "
            "conformance/reference changed at a time, tried on every vector that runs the line.", "",
            *([told, ""] if told else []),
            f"{len(found)} mutants, {settled} killed or equivalent ({share}), {len(survivors)} survivors.", "",

@@ -1,4 +1,4 @@
-"""Fixtures for every room, and which tests `make check`, `make test` and `make sweeps` take. Markers: see pyproject.toml."""
+"""Fixtures for every room, and which tests `make check`, `make test` and `make -C tools sweeps` take. Markers: pyproject.toml."""
 
 import importlib
 import sys

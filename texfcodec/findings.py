@@ -2,7 +2,7 @@
 texf-validate also warns of what is odd about a valid stream, and notes what costs bytes or is seldom meant.
 
 The sites that raise an error say its code themselves; tests/repository/test_findings.py holds both against each other.
-bitstream_spec.md and docs/guide/errors.md carry this table as generated blocks (`make spec-tables`).
+bitstream_spec.md and docs/guide/errors.md carry this table as generated blocks (`make -C tools spec-tables`).
 """
 
 from dataclasses import dataclass

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +10,6 @@ from shapes import crossing_sheets, painted_sphere
 
 from texfcodec.report import Report
 from texfcodec.scene.scene import Material, Scene, Texture
-from tools.bench.rate_points import main
-
-REPOSITORY = Path(__file__).resolve().parents[2]
-BYTES_OF_2048 = {"12x12": 467_856, "10x10": 672_400, "8x8": 1_048_576, "6x6": 1_871_424}
 
 
 @pytest.fixture
@@ -32,14 +27,8 @@ def seamed_strip(shift=0.0):
                  [Texture(np.zeros((64, 64, 4), np.uint8), name="unused"), Texture(image, name="cloth")])
 
 
-@pytest.mark.parametrize("block, size", BYTES_OF_2048.items())
-def test_texture_bytes_are_sixteen_a_block(block, size):
-    from tools.bench.methods.astc import block_of, texture_bytes
-
-    assert texture_bytes(2048, 2048, block_of(block)) == size
-
-
-@pytest.mark.parametrize("width, height, block, blocks", [(1, 1, (12, 12), 1), (12, 13, (12, 12), 2), (25, 9, (10, 5), 6)])
+@pytest.mark.parametrize("width, height, block, blocks", [(1, 1, (12, 12), 1), (12, 13, (12, 12), 2), (25, 9, (10, 5), 6),
+                                                           (2048, 2048, (6, 6), 116_964)])
 def test_blocks_that_an_image_begins_count_whole(width, height, block, blocks):
     from tools.bench.methods.astc import texture_bytes
 
@@ -87,11 +76,11 @@ def test_images_are_coded_once_and_only_where_a_face_uses_them():
     scene = seamed_strip()
     images, textures = used_textures(scene)
     assert [image.shape for image in images] == [(20, 30, 4)]
-    assert [t["image"] for t in textures] == [0, 0] and [t["name"] for t in textures] == ["unused", "cloth"]
+    assert [(number, name) for number, _, name in textures] == [(0, "unused"), (0, "cloth")]
     scene.textures.append(Texture(scene.textures[1].image, (1, 2), "again"))
     scene.materials[0] = Material("bare", texture=2)
     images, textures = used_textures(scene)
-    assert len(images) == 1 and textures[2] == {"image": 0, "wrap": [1, 2], "name": "again"}
+    assert len(images) == 1 and textures[2] == (0, (1, 2), "again")
 
 
 def test_scene_without_textures_is_refused():
@@ -195,15 +184,6 @@ def test_vertex_colours_beside_textures_are_named(needs_astc, sample_scene, tmp_
                                   sample_scene.corner_color)
 
 
-def test_batch_tool_measures_astc_in_processes_of_its_own(needs_astc, tmp_path):
-    (tmp_path / "c.toml").write_text('assets = ["sample"]\n[evaluation]\nsamples = 2000\nviews = 1\nsize = 48\n[[settings]]\n'
-                                     'name = "{block}"\nmethod = "astc"\nblock = "12x12"\nquality = 0\n')
-    assert main([str(tmp_path / "c.toml"), "--out", str(tmp_path / "out")]) == 0
-    made = json.loads((tmp_path / "out/sample/12x12/metrics.json").read_text())
-    assert made["bytes"]["total"] == made["bytes"]["texture"] + made["bytes"]["uv"] and made["bytes"]["geometry"] == 0
-    assert made["psnr_3d"]["y"] > 20 and made["image"]["psnr"]["yuv"] > 20 and made["seconds"]["encode"]["textures"] > 0
-
-
 # Maps of whole materials.
 
 
@@ -249,7 +229,7 @@ def test_two_components_hold_a_normal_map():
 
 
 def test_a_scene_is_its_own_equal_and_errors_are_told_by_channel():
-    from tools.bench.material_quality import map_errors
+    from tools.bench.map_errors import map_errors
 
     scene = material_sheet(roughness=1, normal=2)
     same = map_errors(scene, dataclasses.replace(scene), 2000)
@@ -266,7 +246,7 @@ def test_a_scene_is_its_own_equal_and_errors_are_told_by_channel():
 def test_normals_of_a_payload_are_those_that_a_viewer_shades_with():
     from texfcodec import EncodeOptions, decode
     from texfcodec.encoder.encode import encode_scene
-    from tools.bench.material_quality import map_errors
+    from tools.bench.map_errors import map_errors
 
     scene = material_sheet(normal=2)
     made = encode_scene(scene, EncodeOptions(codec="3dntc", threads=1, resolution=32, resident_bytes=40_000, steps=400,
@@ -277,7 +257,7 @@ def test_normals_of_a_payload_are_those_that_a_viewer_shades_with():
 
 @pytest.mark.parametrize("normals, closest", [("xy", 0.1), ("rgb", 1.5)])
 def test_astc_of_all_maps_counts_and_keeps_them(needs_astc, tmp_path, normals, closest):
-    from tools.bench.material_quality import map_errors
+    from tools.bench.map_errors import map_errors
 
     scene = material_sheet(roughness=1, metallic=1, normal=2)
     scene.corner_normal = np.broadcast_to(np.float32([0, 0.6, 0.8]), (2, 3, 3)).copy()
@@ -294,7 +274,7 @@ def test_astc_of_all_maps_counts_and_keeps_them(needs_astc, tmp_path, normals, c
 
 def test_bc7_and_bc5_of_all_maps_count_and_keep_them(tmp_path):
     pytest.importorskip("etcpak", reason="etcpak is not installed: pip install \"texfcodec[baselines]\"")
-    from tools.bench.material_quality import map_errors
+    from tools.bench.map_errors import map_errors
     from tools.bench.methods import find
 
     scene, sizes, found = material_sheet(metallic=1, normal=2), [], []

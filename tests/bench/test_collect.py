@@ -1,18 +1,22 @@
 """Tables say what the figures of rate_points.py say."""
 
 import csv
+import html
 import json
+import os
+import re
+import subprocess
 import sys
-import types
+from pathlib import Path
 
 import numpy as np
 import pytest
 from batches import metrics
 
 from texfcodec.metrics.bd_rate import bd_rate
-from tools.bench import collect
+from tools.bench import collect, page
 from tools.bench.differences import Difference, pairs_of, rate_difference, summary
-from tools.bench.results import published_rows, quality_of, read_missing, read_results
+from tools.bench.results import curve_of, quality_of, read_missing, read_results
 
 CURVES = {  # (asset, group): bytes, dB
     ("vase", "old"): ([300, 500, 900, 1700], [30.0, 33.0, 36.0, 39.0]),
@@ -22,6 +26,19 @@ CURVES = {  # (asset, group): bytes, dB
     ("lid", "old"): ([200, 300], [20.0, 22.0]),
     ("lid", "new"): ([210, 330], [40.5, 41.9]),
 }
+
+
+HOSTILE = "</script><img src=x onerror=\"document.title=1\"><b>"
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize("command", ["ab", "attributes", "collect", "pictures", "rate_points"])
+def test_commands_are_called_as_files_from_anywhere_and_as_modules(command, tmp_path):
+    bare = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    for words, folder in (([REPOSITORY / f"tools/bench/{command}.py"], tmp_path), (["-m", f"tools.bench.{command}"], REPOSITORY)):
+        line = [sys.executable, *words, "--help"]
+        run = subprocess.run(line, cwd=folder, env=bare, capture_output=True, text=True, check=False)
+        assert run.returncode == 0 and run.stdout.startswith("usage:"), run.stderr
 
 
 def write_results(folder, only=None):
@@ -87,11 +104,10 @@ def image_row(total, **image):
 def test_ssim_is_compared_by_its_distance_from_one_in_decibels():
     """Of two curves that lose the same at half the bytes, -50 %; on SSIM itself the curve between the points would be another."""
     losses = (0.2, 0.05, 0.0125)
-    anchor, ours = ([image_row(100 + size * 4**i, ssim=1 - loss, lpips=loss / 2) for i, loss in enumerate(losses)]
+    anchor, ours = ([image_row(100 + size * 4**i, ssim=1 - loss) for i, loss in enumerate(losses)]
                     for size in (1000, 500))
     assert [quality_of(row, "SSIM") for row in ours] == pytest.approx([-10 * np.log10(loss) for loss in losses])
     assert rate_difference(anchor, ours, "SSIM") == pytest.approx(-50)
-    assert rate_difference(anchor, ours, "LPIPS") == pytest.approx(-50)
     assert quality_of(image_row(9, ssim=1.0), "SSIM") == np.inf and quality_of(image_row(9), "SSIM") is None
     assert quality_of(image_row(9), "image PSNR RGB") == np.inf
 
@@ -135,22 +151,47 @@ def test_kept_rows_make_the_same_tables(tmp_path):
     (tmp_path / "cup/gone/missing.json").write_text(json.dumps({"state": "missing", "reason": "not here"}))
     kept, first, second = (tmp_path / name for name in ("rows.jsonl", "first", "second"))
     collect.main([str(tmp_path), "--out", str(first), "--against", "old", "--keep", str(kept)])
-    collect.main([str(kept), "--out", str(second), "--against", "old", "--no-pictures"])
+    collect.main([str(kept), "--out", str(second), "--against", "old"])
     assert "not here" in (first / "results.md").read_text()
     for name in ("results.md", "results.csv"):
         assert (first / name).read_text() == (second / name).read_text(), name
 
 
-def test_published_points_are_marked_and_compared_on_the_same_asset_only(tmp_path, monkeypatch):
+def test_curves_are_those_that_bd_rates_compare_and_names_stay_text(tmp_path):
+    pytest.importorskip("plotly")
     write_results(tmp_path)
-    points = [{"method": "Net", "asset": asset, "rate": 200.0 * 2**i, "measure": "3D-PSNR Y", "quality": 30.0 + 3 * i,
-               "source": "Somebody 2025, table 3"} for asset in ("vase", "basket") for i in range(3)]
-    module = types.SimpleNamespace(read_published=lambda path: points)
-    monkeypatch.setitem(sys.modules, "tools.bench.methods.published", module)
-    collect.main([str(tmp_path), "--out", str(tmp_path / "out"), "--published", "x.csv", "--against", "old"])
-    text = (tmp_path / "out/results.md").read_text()
-    assert "## basket (published, other material)" in text and "| Net 400 (Somebody 2025, table 3) | Net, published |" in text
-    line = next(line for line in text.partition("### 3D-PSNR Y")[2].splitlines() if line.startswith("| Net, published"))
-    compared = rate_difference([r for r in read_results(tmp_path) if r["setting"].startswith("old") and r["asset"] == "vase"],
-                               published_rows(points[:3]), "3D-PSNR Y")
-    assert f"{compared:+.2f} (" in line and "basket" not in text.partition("## BD-rate")[2]
+    rows = [row | {"group": row["group"] + HOSTILE} for row in read_results(tmp_path) if row["asset"] == "vase"]
+    figure = page.figure_of(rows, "texture")
+    assert {trace["meta"] for trace in figure["data"]} == {b["label"] for b in figure["layout"]["updatemenus"][0]["buttons"]}
+    for trace in figure["data"]:
+        group = [row for row in rows if html.escape(row["group"]) == trace["name"]]
+        assert (trace["x"], trace["y"]) == curve_of(group, trace["meta"], "texture") and len(trace["x"]) >= 2
+    assert page.write_page(tmp_path / "results.html", rows, "texture") > 1e6
+    text = (tmp_path / "results.html").read_text(encoding="utf-8")
+    assert HOSTILE not in text and "<script src" not in text
+
+
+def test_tables_do_without_plotly(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "plotly.io", None)
+    write_results(tmp_path)
+    collect.main([str(tmp_path), "--out", str(tmp_path / "out")])
+    assert "texfcodec[plots]" in capsys.readouterr().err and not (tmp_path / "out/results.html").exists()
+
+
+def test_every_file_and_target_that_docs_name_is_there():
+    pages = [REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md")] + sorted((REPOSITORY / "docs").rglob("*.md"))
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    files = set(re.findall(r"tools/[a-z]+/[A-Za-z_/]+\.(?:py|toml|jsonl)", text))
+    assert len(files) > 20 and [name for name in files if not (REPOSITORY / name).exists()] == []
+    for makefile, pattern in (("tools/Makefile", r"make -C\stools ([a-z0-9-]+)"), ("Makefile", r"`make ([a-z0-9-]+)")):
+        targets = set(re.findall(r"^([a-z0-9-]+):", (REPOSITORY / makefile).read_text(encoding="utf-8"), re.MULTILINE))
+        assert (named := set(re.findall(pattern, text)) - {"-c"}) and named <= targets | {"-"}, named - targets
+    for table in re.findall(r"--table ([a-z]+)", text):
+        assert table in collect.TABLES
+
+
+def test_make_help_has_a_line_for_each_target():
+    makefile = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
+    phony = re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)[1].split()
+    lines = [name for name in phony if re.search(rf"^{name}:.*  # \w", makefile, re.MULTILINE)]
+    assert 12 <= len(phony) <= 14 and lines == phony

@@ -60,12 +60,6 @@ def needs_program():
     return ask
 
 
-@pytest.fixture
-def needs_ktx2():
-    pytest.importorskip("alktx2", reason="alktx2 is not installed: pip install \"texfcodec[formats]\"")
-    pytest.importorskip("opengl_basisu", reason="opengl-basisu is not installed: pip install \"texfcodec[formats]\"")
-
-
 def assert_counted(facts, folder, scene, decoded, sha256, off):
     """The bytes are those of the files; the decoded is the source, off by so much of its side."""
     sizes = facts["bytes"]
@@ -107,17 +101,6 @@ def test_gltfpack_codes_what_is_counted(needs_program, tmp_path, texture):
     assert facts["images"] == [[64, 64]] and 0 < facts["gzip_bytes"] < facts["bytes"]["total"]
 
 
-@pytest.mark.parametrize("codec", ["etc1s", "uastc"])
-def test_ktx2_codes_what_is_counted(needs_ktx2, tmp_path, codec):
-    scene, sizes = mapped_sheet({}, colour=smooth_image()[:62]), []
-    for quality in (10, 100):
-        facts, decoded, sha256 = coded("ktx2", scene, tmp_path / "a", codec=codec, quality=quality)
-        assert_counted(facts, tmp_path / "a", scene, decoded, sha256, 2**-14)
-        assert facts["images"] == [[64, 64]]  # of 64 x 62: glTF wants multiples of 4
-        sizes.append(facts["bytes"]["images"])
-    assert sizes[0] < sizes[1]
-
-
 def smooth_image():
     """An image of 64 x 64 texels, uint8 [64, 64, 4], opaque, that compresses well."""
     x, y = np.meshgrid(np.arange(64), np.arange(64))
@@ -154,8 +137,9 @@ def test_source_far_from_the_origin_keeps_its_shape(tmp_path):
     assert np.abs(checked(tmp_path / "a.glb").positions.max(axis=0) - scene.positions.max(axis=0)).max() < 1e-6
 
 
-def test_vertex_colours_are_looks_and_no_geometry(needs_ktx2, tmp_path):
-    facts, decoded, _ = coded("ktx2", painted_sphere(6), tmp_path / "a")
+def test_vertex_colours_are_looks_and_no_geometry(reads_meshopt, tmp_path):
+    program = stand_in(tmp_path, "shutil.copy(source, target)")
+    facts, decoded, _ = coded("gltf_transform", painted_sphere(6), tmp_path / "a", program=program)
     assert facts["bytes"]["images"] == 0 < facts["bytes"]["texture"]
     assert decoded.corner_color is not None and np.ptp(decoded.corner_color[..., 0]) > 0.1
 
@@ -163,7 +147,7 @@ def test_vertex_colours_are_looks_and_no_geometry(needs_ktx2, tmp_path):
 @pytest.fixture
 def reads_meshopt(monkeypatch):
     """What stand-ins write is no meshopt, so that nothing needs to be installed that reads it."""
-    monkeypatch.setattr("tools.bench.methods.gltfpack.meshopt_missing", lambda: None)
+    monkeypatch.setattr("tools.bench.methods.gltf_programs.reader_missing", lambda options: None)
 
 
 @pytest.mark.parametrize("method", PROGRAMS)
@@ -221,7 +205,7 @@ def test_program_ends_with_whoever_runs_it(tmp_path):
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
     runs = (f"import sys; sys.path[:0] = [{str(REPOSITORY)!r}]\n"
-            f"from bench.methods.programs import run_program\n"
+            f"from tools.bench.methods.programs import run_program\n"
             f"run_program([sys.executable, '-c', {_holding(fifo)!r}], {str(tmp_path / 'log')!r}, 600)")
     with subprocess.Popen([sys.executable, "-c", runs]) as runner:
         wait_readable(reader)
@@ -267,24 +251,21 @@ def test_missing_programs_are_told_and_how_to_get_them(monkeypatch, tmp_path, me
 
 
 def test_what_else_is_missing_is_told(monkeypatch, tmp_path):
-    from tools.bench.methods import glb, ktx2
+    from tools.bench.methods import gltf_programs
 
     monkeypatch.setenv("PATH", str(tmp_path))
     assert "needs the command ktx" in found("gltf_transform")[0].missing({"texture": "etc1s", "program": sys.executable})
     refusing = stand_in(tmp_path, "sys.exit('Error: built without WebP support')")
     assert "cannot code images as webp" in found("gltfpack")[0].missing({"program": refusing})
-    for module in (glb, ktx2):
-        monkeypatch.setattr(module, "find_spec", lambda name: None)
+    monkeypatch.setattr(gltf_programs, "find_spec", lambda name: None)
     assert "meshoptimizer" in found("gltf_transform")[0].missing({"mesh": "meshopt", "program": sys.executable})
-    assert "alktx2" in found("ktx2")[0].missing({})
-    assert "opengl-basisu" in glb.ktx2_missing()
+    assert "opengl-basisu" in gltf_programs.reader_missing({"mesh": "draco", "texture": "etc1s"})
 
 
 @pytest.mark.parametrize(
     "method, name, value",
     [("gltf_transform", "mesh", "zip"), ("gltf_transform", "quality", 0), ("gltf_transform", "quality", True),
-     ("gltf_transform", "speed", 11), ("gltfpack", "texture", "avif"), ("gltfpack", "uv_bits", 17), ("ktx2", "codec", "astc"),
-     ("ktx2", "zstd", 0), ("ktx2", "shrink", 1.5)],
+     ("gltf_transform", "speed", 11), ("gltfpack", "texture", "avif"), ("gltfpack", "uv_bits", 17), ("gltfpack", "shrink", 1.5)],
 )
 def test_options_out_of_range_are_refused(tmp_path, method, name, value):
     with pytest.raises(ValueError, match=f"{name} must be"):

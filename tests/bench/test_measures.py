@@ -7,10 +7,8 @@ import pytest
 from PIL import Image
 from shapes import painted_sphere
 
-from texfcodec.metrics import perceptual
-from tools.bench.conditions import EVALUATION, read_conditions
-from tools.bench.jobs import jobs_of
-from tools.bench.measures import measure_job, measures, views_shown
+from tools.bench.conditions import EVALUATION
+from tools.bench.measures import measure_job, views_shown
 
 SMALL = EVALUATION | {"samples": 500, "views": 3, "size": 64}
 
@@ -44,24 +42,3 @@ def test_pictures_show_the_source_and_what_was_decoded(ball, tmp_path):
 def test_no_pictures_are_written_or_told_of_unless_asked_for(ball, tmp_path):
     found = measure_job(ball, ball, {"evaluation": SMALL | {"views": 0}, "threads": 1}, tmp_path)
     assert list(tmp_path.iterdir()) == [] and set(found) == {"psnr_3d", "image", "maps"} and found["image"] is None
-
-
-def test_lpips_is_measured_with_the_weights_that_are_named(ball, monkeypatch):
-    monkeypatch.setattr(perceptual, "Lpips", lambda weights: lambda a, b: len(weights) / 100)
-    assert measures(ball, darker(ball), SMALL, 1)["image"]["lpips"] is None
-    found = measures(ball, darker(ball), SMALL | {"lpips": "alexnet.pth"}, 1)
-    assert found["image"]["lpips"] == pytest.approx(0.11)
-
-
-def test_weights_are_looked_for_beside_the_conditions_and_known_by_their_name(tmp_path):
-    identities = []
-    for place, lpips in (("a", 'lpips = "w/alex.pth"'), ("b", 'lpips = "alex.pth"'), ("c", 'lpips = "other.pth"'), ("d", "")):
-        weights = tmp_path / place / (lpips.split('"')[1] if lpips else "none")
-        weights.parent.mkdir(parents=True)
-        weights.touch()
-        (tmp_path / place / "c.toml").write_text(f'assets = ["vase"]\n[evaluation]\n{lpips}\n[[settings]]\nname = "q"\n')
-        conditions = read_conditions(tmp_path / place / "c.toml")
-        assert conditions["evaluation"]["lpips"] == (str(weights) if lpips else "")
-        job, = jobs_of(conditions, {"vase": weights}, tmp_path)
-        identities.append(job.facts["settings_sha256"])
-    assert identities[0] == identities[1] and len(set(identities)) == 3

@@ -124,10 +124,10 @@ def test_collect_shows_what_a_batch_has_left_and_what_it_has_not(batch, tmp_path
     pictures = {path.name for path in (made / "ball/carbon").glob("*.webp")}
     assert metrics["pictures"] == [1] and pictures == {"picture_01.webp", "source_01.webp"}
     collect.main([str(made), "--out", str(tmp_path)])
-    text = (tmp_path / "results.html").read_text(encoding="utf-8")
-    assert text.count("<img ") >= 5 and all(f'<td class="text">{name}</td>' in text for name in ("qp24", "qp36", "carbon"))
+    text = (tmp_path / "results.md").read_text(encoding="utf-8")
+    assert all(f"| {name} |" in text for name in ("qp24", "qp36", "carbon"))
     assert {row["setting"]: row["reason"] for row in read_missing(made)}.keys() == {"small", "unheard", "lie"}
-    assert "not those of the encoder" in text.partition("Missing</h2>")[2]
+    assert "not those of the encoder" in text.partition("## Missing")[2]
 
 
 def test_same_command_redoes_only_what_is_not_finished_or_was_asked_otherwise(batch, capsys):

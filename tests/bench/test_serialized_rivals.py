@@ -6,8 +6,8 @@ from shapes import crossing_sheets, painted_sphere
 
 from texfcodec.field.morton import encode_morton
 from texfcodec.report import Report
-from tools.bench.methods.addressing import STRUCTURES, enc_dag
-from tools.bench.methods.space_filling import CURVES, FILLS, curve_keys, from_image, image_places, image_size, to_image
+from tools.bench.methods.serialized import RECORD_MASKS, enc_octree
+from tools.bench.methods.space_filling import CURVES, curve_keys, from_image, image_places, image_size, to_image
 
 
 def every_cell(dimensions, bits):
@@ -48,45 +48,51 @@ def test_keys_refuse_cells_outside(curve):
 
 
 @pytest.mark.parametrize("curve", CURVES)
-@pytest.mark.parametrize("fill", FILLS)
 @pytest.mark.parametrize("count", [1, 64, 65, 5000])
-def test_every_value_has_a_pixel_of_its_own(curve, fill, count):
+def test_every_value_has_a_pixel_of_its_own(curve, count):
     values = np.random.default_rng(count).integers(0, 256, (count, 4), np.uint8)
-    image = to_image(values, 8, curve, fill)
+    image = to_image(values, 8, curve)
     assert image.shape[1::-1] == image_size(count, 8)
-    assert len(np.unique(image_places(count, 8, curve, fill))) == count
-    np.testing.assert_array_equal(from_image(image, count, 8, curve, fill), values)
+    assert len(np.unique(image_places(count, 8, curve))) == count
+    np.testing.assert_array_equal(from_image(image, count, 8, curve), values)
 
 
 def test_hilbert_tiles_of_a_row_are_one_path():
     width, height = image_size(5000, 16)
-    y, x = np.divmod(image_places(5000, 16, "hilbert", "blocks"), width)
+    y, x = np.divmod(image_places(5000, 16, "hilbert"), width)
     jumps = np.abs(np.diff(x)) + np.abs(np.diff(y)) > 1
     assert jumps.sum() == height // 16 - 1
 
 
 def test_an_image_of_another_size_is_refused():
     with pytest.raises(ValueError, match="decodes to 9 x 8 pixels where 8 x 8"):
-        from_image(np.zeros((8, 9, 4), np.uint8), 60, 8, "hilbert", "rows")
+        from_image(np.zeros((8, 9, 4), np.uint8), 60, 8, "hilbert")
+
+
+def find_in_octree(data, keys, bits):
+    """Rank of each key in an octree, int64 [N], -1 where it is not there, as a shader would look it up: by counting bits."""
+    records = np.frombuffer(data, np.uint8).reshape(-1, 4 + RECORD_MASKS)
+    counts, masks = records[:, :4].copy().view("<u4")[:, 0].astype(np.int64), records[:, 4:].reshape(-1)
+    set_bits = np.unpackbits(masks[:, None], axis=1, bitorder="little").astype(np.int64)
+    assert (counts == np.append(0, np.cumsum(set_bits.reshape(-1, 8 * RECORD_MASKS).sum(axis=1))[:-1])).all()
+    before, begin, end = np.cumsum(set_bits) - set_bits.ravel(), 0, 1
+    node, found = np.zeros(len(keys), np.int64), keys >> 3 * bits == 0
+    for level in range(bits - 1, -1, -1):
+        digit = keys >> 3 * level & 7
+        found &= set_bits[node, digit] == 1
+        node = np.where(found, before[8 * node + digit] + 1, 0)
+        begin, end = end, end + set_bits[begin:end].sum()
+    return np.where(found, node - begin, -1)
 
 
 @pytest.mark.parametrize("curve", CURVES)
-@pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize("bits", [1, 2, 3, 5, 6])
-def test_structure_gives_the_rank_of_every_voxel_and_refuses_absent_ones(structure, curve, bits):
-    enc, find = STRUCTURES[structure]
+def test_the_octree_gives_the_rank_of_every_voxel_and_refuses_absent_ones(curve, bits):
     keys = sphere_keys(bits, curve)
-    data = enc(keys, bits)
     every = np.arange(8**bits + 9)
     expected = np.full(len(every), -1)
     expected[keys] = np.arange(len(keys))
-    np.testing.assert_array_equal(find(data, every, bits), expected)
-
-
-def test_dag_has_equal_subtrees_once():
-    one = sphere_keys(4, "morton")
-    four = np.concatenate([one + (number << 12) for number in range(4)])
-    assert len(enc_dag(four, 5)) == len(enc_dag(one, 4)) + 5 * 4
+    np.testing.assert_array_equal(find_in_octree(enc_octree(keys, bits), every, bits), expected)
 
 
 def coded(scene, folder, threads=1, **options):
@@ -124,30 +130,22 @@ def test_serialised_astc_counts_its_files_and_decodes_to_the_voxels(tmp_path, cu
     scene = painted_sphere()
     facts, _, decoded = coded(scene, tmp_path / "a", codec="astc", block="4x4", quality=60, resolution=64, curve=curve, tile=16)
     check_files(tmp_path / "a", facts["bytes"])
-    assert facts["bytes"]["addressing"] == min(facts["dag_bytes"], facts["octree_bytes"]) > 0
+    assert facts["bytes"]["addressing"] > 0
     for part, values in zip(decoded.fields, expected_values(scene, 64), strict=True):
         assert np.abs(part.rgba.astype(int) - values).mean() < 2
 
 
-def test_the_dag_counts_where_it_is_asked_for(tmp_path):
-    pytest.importorskip("astc_encoder", reason="astc-encoder-py is not installed: pip install \"texfcodec[baselines]\"")
-    facts, _, _ = coded(painted_sphere(), tmp_path / "a", codec="astc", quality=10, resolution=32, addressing="dag")
-    assert facts["bytes"]["addressing"] == facts["dag_bytes"]
-
-
-@pytest.mark.parametrize("fill", FILLS)
-def test_serialised_hevc_counts_its_files_and_decodes_to_the_voxels(tmp_path, fill):
+def test_serialised_hevc_counts_its_files_and_decodes_to_the_voxels(tmp_path):
     pytest.importorskip("av", reason="PyAV is not installed: pip install \"texfcodec[rivals]\"")
     scene = crossing_sheets()
-    facts, method, decoded = coded(scene, tmp_path / "a", codec="hevc", qp=4, resolution=32, fill=fill, tile=8)
+    facts, method, decoded = coded(scene, tmp_path / "a", codec="hevc", qp=4, resolution=32, tile=8)
     check_files(tmp_path / "a", facts["bytes"])
     assert facts["bytes"]["addressing"] == 0
     for part, values in zip(decoded.fields, expected_values(scene, 32), strict=True):
         assert np.abs(part.rgba.astype(int) - values).mean() < 3
 
 
-@pytest.mark.parametrize(("option", "value"), [("curve", "peano"), ("fill", "spiral"), ("tile", 48), ("codec", "png"),
-                                               ("addressing", "table")])
+@pytest.mark.parametrize(("option", "value"), [("curve", "peano"), ("tile", 48), ("codec", "png")])
 def test_options_out_of_range_are_refused_with_what_there_is(tmp_path, option, value):
     from tools.bench.methods.serialized import Serialized
 

@@ -1,5 +1,5 @@
 """Fields of some sixty values through both sides of the coder: small enough to run where kernels are plain Python, which is how
-`make coverage` sees their branches."""
+`make -C tools coverage` sees their branches."""
 
 from itertools import pairwise
 from unittest.mock import patch

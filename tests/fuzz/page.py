@@ -10,12 +10,12 @@ from tools.bench.provenance import made_on
 MENDED = Path(__file__).with_name("mended.json")
 HEAD = """# Fuzzing
 
-Made by `make fuzz PAGE=docs/reports/fuzzing.md` {made}, from the runs so far.
+Made by `make -C tools fuzz PAGE=docs/reports/fuzzing.md` {made}, from the runs so far.
 
-`tests/fuzz/` holds the targets, and `make fuzz SECONDS=n [TARGET=name]` runs them. A target takes bytes as choices, writes
-legal syntax, bends one or two elements under right checksums, and runs the part of the decoder, or the loader, that it is for.
-It may end in a value or in an error with a code; an exception, a crash, an input that takes longer than 10 s or adds more than
-256 MB to the process is a finding.
+`tests/fuzz/` holds the targets, and `make -C tools fuzz SECONDS=n [TARGET=name]` runs them. A target takes bytes as choices,
+writes legal syntax, bends one or two elements under right checksums, and runs the part of the decoder, or the loader, that it
+is for. It may end in a value or in an error with a code; an exception, a crash, an input that takes longer than 10 s or adds
+more than 256 MB to the process is a finding.
 
 Every target runs in three ways: *plain*, compiled, at full speed; *guided*, without the compiler, by a search that keeps inputs
 which reach new code (atheris where it is installed, else a loop of our own); *checked*, what was kept once more, compiled with
@@ -25,8 +25,8 @@ stop reaching what it is for without anybody noticing.
 """
 FAULTS = """Every call to the system that a run of a tool makes, and every array that the package asks numpy for, fails once, one
 after the other: a full disk, an input or output error, missing rights, a read-only disk, too many open files, no memory, an
-output folder that vanishes (`make faults`). A run has to end with 0 and the whole output, or with a documented exit code and the
-one TXF code that says what is wrong, without a traceback, a temporary or a partial output.
+output folder that vanishes (`make -C tools faults`). A run has to end with 0 and the whole output, or with a documented exit code
+and the one TXF code that says what is wrong, without a traceback, a temporary or a partial output.
 """
 
 

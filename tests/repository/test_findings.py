@@ -138,7 +138,7 @@ def test_the_documents_carry_the_table_as_it_is(monkeypatch, document, renew, ro
 
     text = getattr(gen_spec_tables, document).read_text(encoding="utf-8")
     renewed = getattr(gen_spec_tables, renew)
-    assert renewed(text) == text, "stale: run make spec-tables"
+    assert renewed(text) == text, "stale: run make -C tools spec-tables"
     wrong = text.replace(row, row.replace("3 | 5", "4 | 5").replace("0..", "1.."))
     assert wrong != text and renewed(wrong) == text
 

@@ -53,7 +53,7 @@ def compare_channels(reference: Scene, other: Scene | Texf, samples: int = SAMPL
     between normals with the map. "coverage": how many points of masked materials are seen in the reference alone, "lost", and in
     the other alone, "gained", as shares of those seen in the reference. Points that the reference does not show weigh nothing.
     """
-    points = _Points(reference, other, samples, threads)
+    points = Points(reference, other, samples, threads)
     lights = Lighting(reference), Lighting(other)
     names = lights[0].table.wanted_channels() | lights[1].table.wanted_channels()
     channels = _alpha_errors(points)
@@ -66,17 +66,17 @@ def compare_channels(reference: Scene, other: Scene | Texf, samples: int = SAMPL
     lit = np.flatnonzero(points.weight * ~np.array([m.unlit for m in reference.materials], bool)[points.material])
     normals = None
     if len(lit):
-        sides = [_normals(points, lights, side, "normal", lit) for side in (0, 1)]
+        sides = [normals_at(points, lights, side, "normal", lit) for side in (0, 1)]
         normals = {name: angular_error(sides[0][k], sides[1][k], points.weight[lit])
                    for k, name in enumerate(("without_map", "with_map"))}
     return {"channels": channels, "normals": normals, "samples": len(points.weight)}
 
 
-class _Points:
+class Points:
     """Points of both sides that belong together. at: of each side (face int64 [M], bary float64 [M, 3]); rgba: of each side;
     material: int64 [M] of the reference; weight: float64 [M], how much of a point the reference shows."""
 
-    def __init__(self, reference, other, samples, threads):
+    def __init__(self, reference: Scene, other: Scene | Texf, samples: int, threads: int) -> None:
         self.sides, self.threads = (reference, other), threads
         asked = sample_surface(reference.positions, reference.faces, samples)
         places = FaceMatch(reference, other, threads).find(*asked)
@@ -85,7 +85,7 @@ class _Points:
         self.rgba = [_colours(side, at, threads) for side, at in zip(self.sides, self.at, strict=True)]
         self.weight = opacity(reference.materials, self.material, self.rgba[0][:, 3]).astype(np.float64)
 
-    def rows_of(self, name, lights):
+    def rows_of(self, name: str, lights: tuple[Lighting, Lighting]) -> np.ndarray:
         """Points that are shown and whose material has a map of the channel on either side."""
         has = np.zeros(len(self.weight), bool)
         for (face, _), light in zip(self.at, lights, strict=True):
@@ -137,12 +137,12 @@ def _psnr(mse):
 
 
 def _degrees(points, lights, name, rows):
-    ours, theirs = (_normals(points, lights, side, name, rows)[1] for side in (0, 1))
+    ours, theirs = (normals_at(points, lights, side, name, rows)[1] for side in (0, 1))
     return angular_error(ours, theirs, points.weight[rows])
 
 
-def _normals(points, lights, side, name, rows):
-    """Normals of one side without and with a map."""
+def normals_at(points: Points, lights: tuple[Lighting, Lighting], side: int, name: str, rows: np.ndarray) -> list[np.ndarray]:
+    """[without, with]: normals float [M, 3] of one side, 0 or 1, without and with the map of a channel, at rows int64 [M]."""
     face, bary = points.at[side]
     pairs = [lights[side].normals(name, face[rows[i : i + BLOCK]], bary[rows[i : i + BLOCK]]) for i in range(0, len(rows), BLOCK)]
     return [np.concatenate(parts) for parts in zip(*pairs, strict=True)]

@@ -15,10 +15,11 @@ from texfcodec.batch.tasks import FULL, LOG, Task, package_code
 from texfcodec.core.colour_error import in_decibels
 from texfcodec.errors import EXIT_DIFFERS, EXIT_INTERRUPTED, EXIT_IO, EXIT_SUPPORT, InputError
 from texfcodec.options import default_threads
+from tools.bench import verify
 from tools.bench.conditions import find_assets, read_conditions
 from tools.bench.jobs import JOB, METRICS, MISSING, as_text, jobs_of, read_json
 
-COMMAND, STEPS = "{root}/bench/rate_points.py", ("encode", "decode")
+COMMAND, STEPS = "{root}/tools/bench/rate_points.py", ("encode", "decode")
 
 
 def task_of(job, caps):
@@ -92,7 +93,7 @@ def told(job):
     if made is None:
         row = read_json(job.folder / MISSING)
         return f"{job.name}: {row['state']}: {row['reason']}"
-    quality = in_decibels(made["psnr_3d"]["y"])
+    quality = in_decibels(made["psnr_3d"]["y"]) if made["psnr_3d"] else "not measured"
     return f"{job.name}: {made['bytes']['total']} bytes, 3D-PSNR Y {quality}, {made['seconds']['encode']['total']:.2f} s"
 
 
@@ -118,12 +119,31 @@ def warm_cache():
 
 def run_conditions(args):
     """The batch of the command line; its exit code."""
-    conditions = read_conditions(args.conditions, args.evaluation, args.asset)
+    return run_batch(args, read_conditions(args.records[0], args.evaluation, args.asset))
+
+
+def run_verify(args):
+    """The batch of recorded points and its page; the exit code."""
+    points, left_out = verify.selected(args)
+    points, absent = verify.absent(points, args)
+    code = run_batch(args, verify.conditions_of(points))
+    if not points or code not in (0, EXIT_DIFFERS):
+        return code
+    found = verify.runs_of(points, args.out)
+    text = verify.page_of(found, left_out + absent, args)
+    if args.page:
+        args.page.write_text(text, encoding="utf-8")
+    print(text)
+    return 0 if verify.is_same(found) else EXIT_DIFFERS
+
+
+def run_batch(args, conditions):
+    """All jobs of conditions, as read_conditions() returns them; the exit code."""
     args.jobs = min(max(args.jobs, 1), 256)
     seconds = conditions["limit_seconds"] if args.limit_seconds is None else args.limit_seconds
     caps = {"threads": max(default_threads() // args.jobs, 1), "memory": args.memory_limit, "seconds": seconds}
     with only_run(args.out):
-        folders = [f for f in (args.assets, args.conditions.parent) if f]
+        folders = [f for f in (args.assets, *(path.parent for path in args.records[:1])) if f]
         assets, missing = find_assets(conditions["assets"], folders, args.out)
         for name in missing:
             print(f"{name}: not in {' or '.join(map(str, folders))}, passed over", file=sys.stderr)

@@ -10,10 +10,10 @@ from tools.bench.methods import find
 
 SAMPLE = "sample"
 SUFFIXES = ("", ".glb", ".gltf", ".obj", ".ply")
-EVALUATION = {"samples": 1_000_000, "views": 16, "size": 2048, "ssim": False, "maps": False, "lpips": "", "pictures": 0,
-              "picture_size": 512}
-LEAST = {"samples": 1, "views": 0, "size": 16, "pictures": 0, "picture_size": 16}
-KINDS = {bool: "true or false", str: "the path of a file", int: "a whole number"}
+EVALUATION = {"samples": 1_000_000, "seed": 0, "views": 16, "size": 2048, "ssim": False, "maps": False, "lit": False,
+              "pictures": 0, "picture_size": 512}
+LEAST = {"samples": 0, "seed": 0, "views": 0, "size": 16, "pictures": 0, "picture_size": 16}
+KINDS = {bool: "true or false", int: "a whole number"}
 NAME = re.compile(r"\w[\w.+-]*")
 
 
@@ -32,15 +32,14 @@ def read_conditions(path, changed=(), only=()):
             raise ValueError("assets is empty")
         found = {"assets": assets, "plugins": [str(Path(path).parent.resolve() / p) for p in plugins],
                  "limit_seconds": _seconds(given.get("limit_seconds")),
-                 "evaluation": _evaluation(given.get("evaluation", {}) | _changes(changed), Path(path).parent)}
+                 "evaluation": _evaluation(given.get("evaluation", {}) | _changes(changed))}
         tables = given.get("settings")
         if not isinstance(tables, list) or not tables:
             raise ValueError("there is no [[settings]] table")
         found["settings"] = [s for number, table in enumerate(tables, 1) for s in _expanded(number, table, found)]
-        names = [s["setting"] for s in found["settings"]]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"two settings are called {name!r}")
+        for one, other in itertools.combinations(found["settings"], 2):
+            if one["setting"] == other["setting"] and set(one["assets"]) & set(other["assets"]):
+                raise ValueError(f"two settings are called {one['setting']!r}")
         if unknown := [name for name in only if name not in assets]:
             raise ValueError(f"{', '.join(unknown)} is none of its assets: {', '.join(assets)}")
         found["assets"] = [name for name in assets if name in only or not only]
@@ -78,22 +77,14 @@ def _changes(words):
         raise ValueError(f"{' '.join(words)}: {error}") from None
 
 
-def _evaluation(table, folder):
+def _evaluation(table):
     _check_keys("[evaluation]", table, set(EVALUATION))
     for key, value in table.items():
         kind = type(EVALUATION[key])
         if type(value) is not kind or kind is int and value < LEAST[key]:
             wanted = KINDS[kind] + (f", {LEAST[key]} or more" if kind is int else "")
             raise ValueError(f"[evaluation] {key} must be {wanted}, not {value!r}")
-    found = EVALUATION | table
-    if found["lpips"]:
-        weights = folder.resolve() / found["lpips"]
-        if not weights.is_file():
-            raise ValueError(f"[evaluation] lpips: there is no file {weights}")
-        if not found["views"]:
-            raise ValueError("[evaluation] lpips compares views, and there are none")
-        found["lpips"] = str(weights)
-    return found
+    return EVALUATION | table
 
 
 def _expanded(number, table, conditions):

@@ -13,7 +13,7 @@ from tools.bench.conditions import EVALUATION, SAMPLE
 from tools.bench.methods import find
 
 SCHEMA = 1
-LATER = {"maps", "lpips", "pictures", "picture_size"}  # keys of an evaluation that it has not always had
+LATER = {"seed", "maps", "lit", "pictures", "picture_size"}  # keys of an evaluation that it has not always had
 JOB, ENCODED, METRICS, MISSING = "job.json", "encode.json", "metrics.json", "missing.json"
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -50,11 +50,8 @@ class Job:
 
 
 def _identity(settled):
-    """What tells a job from others. What an evaluation has not always had and is not asked for does not count. Weights
-    are known by their file's name, wherever they lie."""
+    """What tells a job from others. What an evaluation has not always had and is not asked for does not count."""
     evaluation = {key: value for key, value in settled["evaluation"].items() if key not in LATER or value != EVALUATION[key]}
-    if "lpips" in evaluation:
-        evaluation["lpips"] = Path(evaluation["lpips"]).name
     return settled | {"evaluation": evaluation}
 
 
@@ -86,6 +83,11 @@ def code_of(method, plugins):
     for path in (*sorted((REPOSITORY / "texfcodec").rglob("*.py")), Path(inspect.getfile(type(found)))):
         total.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return total.hexdigest()[:16]
+
+
+def key_of(value):
+    """16 digits by which what is JSON-ready is known again."""
+    return _sha256(json.dumps(value, sort_keys=True).encode())[:16]
 
 
 def _sha256(data):

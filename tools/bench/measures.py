@@ -1,4 +1,4 @@
-"""What a job measures of what it has decoded, and the pictures that it leaves for the page of results."""
+"""What a job measures of what it has decoded, and the pictures that it leaves in its folder."""
 
 from dataclasses import replace
 
@@ -17,33 +17,26 @@ def measure_job(scene, decoded, job, folder):
 
 
 def measures(scene, decoded, evaluation, threads):
-    """{"psnr_3d", "image", "maps"} of what was decoded, a Texf or a Scene; the last two are None where they are not asked for."""
+    """{"psnr_3d", "image", "maps"} of what was decoded, a Texf or a Scene; None where they are not asked for."""
     from texfcodec.metrics.psnr_3d import SourceSamples
-    from texfcodec.metrics.views import compare_views, mesh_psnr_3d
+    from texfcodec.metrics.views import Look, compare_views, mesh_psnr_3d
+    from texfcodec.render.environment import DAYLIGHT
     from texfcodec.texf import Texf
 
-    if isinstance(decoded, Texf):
-        psnr = SourceSamples(scene, evaluation["samples"], threads).compare(decoded)
-    else:
-        psnr = mesh_psnr_3d(scene, decoded, evaluation["samples"], threads)
-    measured = {"psnr_3d": psnr, "image": None, "maps": None}
+    measured = {"psnr_3d": None, "image": None, "maps": None}
+    if evaluation["samples"] and isinstance(decoded, Texf):
+        measured["psnr_3d"] = SourceSamples(scene, evaluation["samples"], threads, evaluation["seed"]).compare(decoded)
+    elif evaluation["samples"]:
+        measured["psnr_3d"] = mesh_psnr_3d(scene, decoded, evaluation["samples"], threads)
     if evaluation["maps"]:
-        from tools.bench.material_quality import map_errors
+        from tools.bench.map_errors import map_errors
 
         measured["maps"] = map_errors(scene, decoded, evaluation["samples"], threads)
     if evaluation["views"]:
         measured["image"] = compare_views(scene, decoded, views=evaluation["views"], size=evaluation["size"],
-                                          ssim=evaluation["ssim"], lpips=_lpips(evaluation["lpips"]), threads=threads)
+                                          ssim=evaluation["ssim"], threads=threads,
+                                          look=Look(environment=DAYLIGHT) if evaluation["lit"] else None)
     return measured
-
-
-def _lpips(weights):
-    """perceptual.Lpips over the weights of a path; None for "", none were named."""
-    if not weights:
-        return None
-    from texfcodec.metrics.perceptual import Lpips
-
-    return Lpips(weights)
 
 
 def views_shown(pictures, views):

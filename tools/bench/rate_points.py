@@ -1,9 +1,9 @@
 """Rate points: every asset coded by every method at every setting and measured, a folder per job; may be stopped at any moment.
 
 python tools/bench/rate_points.py CONDITIONS.toml --out DIR [--jobs N | --scheduler tcp://HOST:PORT] [--assets FOLDER]
-        [--keep-old]
-                            [--limit-seconds S] [--memory-limit BYTES] [--asset NAME ...] [--evaluation KEY=VALUE ...]
-                            [--rows FILE.jsonl]
+        [--keep-old] [--limit-seconds S] [--memory-limit BYTES] [--asset NAME ...] [--evaluation KEY=VALUE ...]
+        [--rows FILE.jsonl]
+python tools/bench/rate_points.py [RECORD ...] --verify --out DIR --assets FOLDER [--asset NAME ...] [--neural] [--page FILE.md]
 
 CONDITIONS.toml (see tools/conditions/):
 
@@ -12,13 +12,14 @@ CONDITIONS.toml (see tools/conditions/):
     plugins = ["my_codec.py"]                         # optional: further methods, beside this file; see tools/bench/methods
     limit_seconds = 3600                              # optional: a job that takes longer is killed and has failed
     [evaluation]                                      # optional, as is each line
-    samples = 1000000                                 # surface points of 3D-PSNR
+    samples = 1000000                                 # surface points of 3D-PSNR; 0: none
+    seed = 0                                          # of these points
     views = 16                                        # rendered views; 0: no image measures
     size = 2048
     ssim = false
     maps = false                                      # errors of the maps of materials
-    lpips = "alexnet.pth"                             # weights of AlexNet, beside this file; "", as without the line: no LPIPS
-    pictures = 0                                      # of the views, as many, of source and decoded, for the page of collect.py
+    lit = false                                       # views in daylight, by all maps
+    pictures = 0                                      # of the views, as many, of source and decoded, in the job's folder
     picture_size = 512
     [[settings]]                                      # any number of them
     name = "{effort}_{rate}"                          # a folder name
@@ -41,6 +42,9 @@ With --scheduler the jobs run on a Dask cluster, by workers that have the same c
 to and fro (at most 1 GiB each). A worker's threads and memory limit are shared out among the jobs that it works at, as many as it
 has threads, or N of them where it was started with --resources texf=N. What a lost worker had begun is begun again by others.
 
+--verify makes the recorded points of ours again and compares bytes and values: of RECORD, or of all that tools/bench keeps
+(verify.py). Its page says how many points have the same bytes, and which have not.
+
 Exit code: 0 all jobs are finished, 1 the conditions are wrong, 2 the command line is, there is nothing to do, a disk is full or
 the cluster cannot be reached, 7 a job failed or differs, 130 interrupted. Tables and plots are made by collect.py.
 """
@@ -52,7 +56,7 @@ from pathlib import Path
 if not __package__:  # called as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tools.bench.batch import resumable, run_conditions
+from tools.bench.batch import resumable, run_conditions, run_verify
 from tools.bench.results import unpack_rows
 from tools.bench.steps import run_step
 
@@ -63,7 +67,7 @@ def main(arguments=None):
     if arguments[:1] == ["--step"]:
         return run_step(*arguments[1:])
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("conditions", type=Path, metavar="CONDITIONS.toml")
+    parser.add_argument("records", type=Path, nargs="*", metavar="CONDITIONS.toml", help="with --verify records")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="jobs at a time")
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="run them on this Dask cluster")
@@ -76,10 +80,15 @@ def main(arguments=None):
     parser.add_argument("--memory-limit", type=int, metavar="BYTES", help="most data that a process of a job may hold")
     parser.add_argument("--rows", type=Path, metavar="FILE.jsonl", help="begin with the jobs that collect.py --keep has kept "
                         "there, where DIR does not have them; with --keep-old, if code has changed since")
+    parser.add_argument("--verify", action="store_true", help="make recorded points again and compare")
+    parser.add_argument("--neural", action="store_true", help="with --verify 3DNTC payloads as well")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="write the page of --verify here too")
     args = parser.parse_args(arguments)
+    if len(args.records) != 1 and not args.verify:
+        parser.error("name one condition file")
     if args.rows:
         unpack_rows(args.rows, args.out)
-    return resumable(run_conditions, args)
+    return resumable(run_verify if args.verify else run_conditions, args)
 
 
 def seconds(text):

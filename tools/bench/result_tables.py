@@ -1,7 +1,7 @@
-"""Results as CSV, and as a report of blocks that become Markdown here and HTML in page.py.
+"""Results as CSV, and as a report of blocks that become Markdown.
 
 A block is (kind, content): "h1", "h2", "h3" and "p" with a text, "ul" with texts, "table" with (head, lines, number of columns
-at the left that are no numbers), "asset" with a name, the place of what a page shows of it.
+at the left that are no numbers).
 """
 
 import csv
@@ -12,10 +12,9 @@ import numpy as np
 
 from texfcodec.core.colour_error import EXACT
 from tools.bench.differences import summary
-from tools.bench.results import LOSS, at, measures_of, rate_of, value_of
+from tools.bench.results import PSNRS, at, measures_of, rate_of, value_of
 
 SUMMARIES = {"mean": np.mean, "median": np.median}
-OTHER_MATERIAL = "published, other material"
 
 
 def write_csv(rows, path):
@@ -69,15 +68,12 @@ def as_markdown(blocks):
 
 
 def report(rows, missing, pairs, kind):
-    """Blocks of results.md. rows: measured and published ones; missing: of results.read_missing(); pairs: differences.Pair."""
-    measured = [row for row in rows if "published" not in row]
-    codes = sorted({f"{row['package']} {row['code']}" for row in measured})
-    blocks = [("h1", "Rate points"), ("p", f"{len(measured)} jobs; code {', '.join(codes)}"
+    """Blocks of results.md. missing: of results.read_missing(); pairs: [differences.Pair]."""
+    codes = sorted({f"{row['package']} {row['code']}" for row in rows})
+    blocks = [("h1", "Rate points"), ("p", f"{len(rows)} jobs; code {', '.join(codes)}"
                                       + ("; **not all by the same code**" if len(codes) > 1 else ""))]
     for asset in dict.fromkeys(row["asset"] for row in rows):
-        here = [row for row in rows if row["asset"] == asset]
-        is_other = all("published" in row for row in here)
-        blocks += [("h2", asset + (f" ({OTHER_MATERIAL})" if is_other else "")), ("asset", asset), ("table", asset_table(here))]
+        blocks += [("h2", asset), ("table", asset_table([row for row in rows if row["asset"] == asset]))]
     for other in dict.fromkeys(pair.other for pair in pairs):
         blocks += comparison([pair for pair in pairs if pair.other == other], kind)
     return blocks + ([("h2", "Missing"), ("table", missing_table(missing))] if missing else [])
@@ -92,9 +88,8 @@ def asset_table(rows):
         sizes = [row["bytes"]["total"], row["bytes"].get("geometry", 0), rate_of(row, "texture")]
         seconds = [_number(at(row, ("seconds", side, "total")), ".2f") for side in ("encode", "decode")]
         memory = [_number(at(row, ("memory", side, "peak")), ".0f", 1e-6) for side in ("encode", "decode")]
-        name = row["setting"] + (f" ({row['published']})" if "published" in row else "")
         quality = [_measured(row, measure) for measure in measures]
-        lines.append([name, row["group"], *(f"{size:,}" for size in sizes), *quality, *seconds, *memory])
+        lines.append([row["setting"], row["group"], *(f"{size:,}" for size in sizes), *quality, *seconds, *memory])
     return head, lines, 2
 
 
@@ -110,7 +105,7 @@ def missing_table(missing):
 
 def _measured(row, measure):
     value = value_of(row, measure)
-    return EXACT if value is not None and math.isinf(value) else _number(value, ".4f" if measure in LOSS else ".2f")
+    return EXACT if value is not None and math.isinf(value) else _number(value, ".2f" if measure in PSNRS else ".4f")
 
 
 def _number(value, form, factor=1):
@@ -127,8 +122,8 @@ def comparison(pairs, kind):
                "of quality that overlaps, or the number of assets in a mean or median of not all.")]
     if not any(tables.values()):
         return [*blocks, ("p", "The two have no asset in common.")]
-    if any(measure in LOSS for table in tables.values() for row in table.values() for measure in row):
-        blocks.append(("p", "SSIM is compared in decibels, -10 log10(1 - SSIM), and LPIPS as -10 log10(LPIPS)."))
+    if any("SSIM" in row for table in tables.values() for row in table.values()):
+        blocks.append(("p", "SSIM is compared in decibels, -10 log10(1 - SSIM)."))
     blocks += [("table", _by_asset(tables[names[0]]))] if len(names) == 1 else _by_measure(tables)
     notes = {}
     for name, table in tables.items():

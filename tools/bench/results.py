@@ -1,4 +1,4 @@
-"""What rate_points.py has left in a folder: its rows, the rows that are missing, published rows, and the curves they form."""
+"""What rate_points.py has left in a folder: its rows, the rows that are missing, and the curves they form."""
 
 import json
 import math
@@ -17,8 +17,7 @@ PSNRS = {
     "image PSNR Y": ("image", "psnr", "y"),
     "image PSNR RGB": ("image", "psnr", "rgb"),
 }
-MEASURES = {**PSNRS, "SSIM": ("image", "ssim"), "LPIPS": ("image", "lpips")}
-LOSS = {"SSIM": lambda value: 1 - value, "LPIPS": lambda value: value}  # compared as -10 log10 of these
+MEASURES = {**PSNRS, "SSIM": ("image", "ssim")}
 TOLD = ("asset", "setting", "group", "method", "state", "reason")  # of a row that is missing
 
 
@@ -66,20 +65,6 @@ def read_missing(folder):
     return found
 
 
-def published_rows(points):
-    """Rows of what bench.methods.published.read_published() has read, each with one measure of MEASURES.
-
-    Their "published" is the source; bytes are all of their rate, as if it were without geometry.
-    """
-    rows = []
-    for point in points:
-        rate = int(point["rate"]) if point["rate"] == int(point["rate"]) else point["rate"]
-        rows.append({"asset": point["asset"], "group": f"{point['method']}, published", "method": point["method"], "setting":
-                     f"{point['method']} {rate}", "published": point["source"], "bytes": {"total": rate}, "quality":
-                     {point["measure"]: point["quality"]}})
-    return rows
-
-
 def at(row, path):
     """The value at a path of keys; None where the path ends early."""
     for key in path:
@@ -88,21 +73,18 @@ def at(row, path):
 
 
 def value_of(row, measure):
-    """What a row has of one of MEASURES, as it stands there: a PSNR in dB, SSIM or LPIPS; None: not measured; inf: exact."""
-    if "published" in row:
-        return row["quality"].get(measure)
+    """What a row has of one of MEASURES, as it stands there: a PSNR in dB or SSIM; None: not measured; inf: exact."""
     value = at(row, MEASURES[measure])
     is_exact = measure in PSNRS and value is None and at(row, MEASURES[measure][:-1]) is not None
     return math.inf if is_exact else value
 
 
 def quality_of(row, measure):
-    """value_of() in decibels, the unit in which curves are compared: SSIM as -10 log10(1 - SSIM), LPIPS as -10 log10(LPIPS)."""
+    """value_of() in decibels, the unit in which curves are compared: SSIM as -10 log10(1 - SSIM)."""
     value = value_of(row, measure)
     if value is None or measure in PSNRS:
         return value
-    loss = LOSS[measure](value)
-    return -10 * math.log10(loss) if loss > 0 else math.inf
+    return -10 * math.log10(1 - value) if value < 1 else math.inf
 
 
 def measures_of(rows):

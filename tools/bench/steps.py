@@ -47,14 +47,15 @@ def encode_step(folder, job):
     method.warm_up(job["options"], job["threads"])
     memory, begin = Memory(), time.perf_counter()
     scene = load(job["asset_path"])
-    loaded = time.perf_counter()
+    loaded, processor = time.perf_counter(), time.process_time()
     try:
         facts = method.encode(scene, job["options"], folder, job["threads"], report)
     except LookupError as error:
         if type(error) is not LookupError:  # a key or an index that is not there is a fault of the method
             raise
         return _write_row(folder, job, "does not apply", str(error))
-    seconds = {"total": round(time.perf_counter() - loaded, 6), **report.seconds}
+    seconds = {"total": round(time.perf_counter() - loaded, 6), "processor": round(time.process_time() - processor, 6),
+               **report.seconds}
     write_json(folder / ENCODED, {"load_seconds": round(loaded - begin, 6), "seconds": seconds, "memory": memory.result(),
                                   "warnings": list(dict.fromkeys([*scene.warnings, *report.warnings])),
                                   "dropped": list(dict.fromkeys([*scene.dropped, *report.dropped])), "facts": facts})
@@ -78,8 +79,8 @@ def decode_step(folder, job):
     sent = facts.pop("reconstruction_sha256")
     if sent != values:
         raise Differs(f"the decoder's values are not those of the encoder's reconstruction: {values} is not {sent}")
-    begin = time.perf_counter()
-    measured = measure_job(load(job["asset_path"]), decoded, job, folder)
+    source, begin = load(job["asset_path"]), time.perf_counter()
+    measured = measure_job(source, decoded, job, folder)
     write_json(folder / METRICS, {
         **{k: job[k] for k in KNOWN_BY},
         "bytes": facts.pop("bytes"), **measured, "facts": facts,

@@ -1,7 +1,13 @@
-"""Points a second of the kernels, and seconds of whole pipelines, pictures and metrics, on the demo asset at K = 512.
+"""Points a second of the kernels, and seconds of whole pipelines, pictures, metrics and processes, on the demo asset at K = 512.
 
-`make bench`, or pytest bench --benchmark-only; the extra column points_per_second is in the JSON (--benchmark-json).
+`make bench` keeps each run in pytest-benchmark's own storage and compares it with the one before. The extra column
+points_per_second is in the JSON (--benchmark-json). All are seconds of the processor, which other work disturbs least.
 """
+
+import os
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -10,7 +16,7 @@ from texfcodec.api import decode
 from texfcodec.codecs.raht.attribute_coder import dec_attributes, enc_attributes
 from texfcodec.codecs.raht.transform.colour import forward_colour, inverse_colour
 from texfcodec.codecs.raht.transform.octree import build_octree
-from texfcodec.demo.asset import make_sample
+from texfcodec.demo.asset import make_sample, write_sample
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.field.extents import octree_depth
 from texfcodec.field.grid import build_brick_map
@@ -69,3 +75,23 @@ def test_speed(benchmark, field, name, threads):
     if benchmark.stats:
         benchmark.extra_info["points_per_second"] = round(len(field["keys"]) / benchmark.stats.stats.min)
     assert result is not None
+
+
+def with_children():
+    """Processor seconds of this process and of those that it has waited for."""
+    return time.process_time() + sum(os.times()[2:4])
+
+
+@pytest.mark.benchmark(timer=with_children)
+@pytest.mark.parametrize("tool, words", [("enc", ("sample.glb", "sample.texf")), ("dec", ("sample.texf", "out.glb"))])
+def test_process(benchmark, tool, words, tmp_path):
+    write_sample(tmp_path / "sample.glb")
+    enc = "enc", "sample.glb", "sample.texf"
+    for name, *files in (enc, (tool, *words)):  # what dec reads, and compiled kernels
+        run_tool(name, files, tmp_path)
+    benchmark.pedantic(lambda: run_tool(tool, words, tmp_path), rounds=3, iterations=1)
+
+
+def run_tool(name, files, folder):
+    """A process of texf-enc or texf-dec in a folder."""
+    subprocess.run([sys.executable, "-m", f"texfcodec.cli.{name}", *files, "--quiet"], cwd=folder, check=True)

@@ -20,6 +20,8 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import numpy as np
+
 METHODS = {}  # name: class
 
 
@@ -98,6 +100,14 @@ def versions_of(*packages):
 def source_hash(*files):
     """16 digits over source files that a method takes from: its version() tells what its own file does not."""
     return hashlib.sha256(b"".join(Path(path).read_bytes() for path in files)).hexdigest()[:16]
+
+
+def hash_of(*arrays):
+    """SHA-256, hexadecimal, over arrays, for values_sha256()."""
+    total = hashlib.sha256()
+    for values in arrays:
+        total.update(np.ascontiguousarray(values))
+    return total.hexdigest()
 
 
 def checked_options(options, defaults, ranges, choices):

@@ -9,14 +9,23 @@ parametrisation and one image of as many texels (parametrise.py), on geometry of
 Needs astc-encoder-py, `pip install "texfcodec[baselines]"`; its "thorough" preset is quality 98.
 """
 
-import hashlib
-import json
-from dataclasses import asdict, replace
+import pickle
+from dataclasses import replace
 
 import numpy as np
 
-from texfcodec.scene.scene import Material, Scene, Texture
-from tools.bench.methods import Method, checked_options, method, parametrise, sheets, source_hash, versions_of
+from texfcodec.scene.scene import Texture
+from tools.bench.methods import (
+    Method,
+    checked_options,
+    draco_mesh,
+    hash_of,
+    method,
+    parametrise,
+    sheets,
+    source_hash,
+    versions_of,
+)
 from tools.bench.methods.parametrise import PARAMETRISATIONS, SOURCE_UVS, Request, reparametrised, side_of
 from tools.bench.methods.sheets import COLOUR, NORMAL, map_sheets, three_components, two_components
 
@@ -30,8 +39,7 @@ PROFILES = {"ldr": "LDR", "srgb": "LDR_SRGB"}
 BLOCK_BYTES, UV_STEPS = 16, 65535
 HANDLING = {"uv_bytes": ("uint16", "none"), "maps": ("none", "all"), "parametrisation": PARAMETRISATIONS}  # of any image codec
 CHOICES = {"block": BLOCKS, "profile": tuple(PROFILES), "normals": ("xy", "rgb"), **HANDLING}
-FRAMES = ("corner_normal", "corner_tangent")  # handed through, as geometry is
-SOURCE, LAYOUT, UVS, IMAGE = "source.npz", "layout.json", "uv.uint16", "image{}.blocks"
+LAYOUT, UVS, IMAGE = "layout.pickle", "uv.uint16", "image{}.blocks"
 
 
 @method("astc")
@@ -50,9 +58,7 @@ class Astc(Method):
 
     def version(self):
         """The versions of what codes and of new parametrisations, and a hash of further files that results depend on."""
-        from tools.bench import everyday_rivals
-
-        files = (module.__file__ for module in (parametrise, sheets, everyday_rivals))
+        files = (module.__file__ for module in (parametrise, sheets, draco_mesh))
         return f"{versions_of(*self.packages)} {parametrise.versions()} {source_hash(__file__, *files)}"
 
     def warm_up(self, options, threads):
@@ -61,8 +67,8 @@ class Astc(Method):
         codec.dec_image(codec.enc_image(np.zeros((16, 16, 4), np.uint8)), 16, 16)
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes IMAGE for each image and, if they count, UVS: files of just the bytes that are counted; LAYOUT and SOURCE hold
-        what is handed through. LookupError: no face of the scene has a texture. ValueError: an option is out of range."""
+        """Writes IMAGE for each image and, if they count, UVS: files of just the bytes that are counted; LAYOUT holds what is
+        handed through. LookupError: no face of the scene has a texture. ValueError: an option is out of range."""
         codec = self.codec(options, threads)
         with report.stage("parametrisation"):
             scene = _asked_scene(scene, codec.options, folder.parent, threads)
@@ -70,13 +76,15 @@ class Astc(Method):
         sheets, placed = map_sheets(scene)
         kinds = [COLOUR] * len(images) + [sheet.kind for sheet in sheets]
         first, images = len(textures), [codec.shipped(image) for image in (*images, *(sheet.image for sheet in sheets))]
-        textures += [{"image": len(images) - len(sheets) + n, "wrap": list(sheet.wrap), "name": "+".join(sheet.names)}
-                     for n, sheet in enumerate(sheets)]
+        textures += [(len(images) - len(sheets) + n, sheet.wrap, "+".join(sheet.names)) for n, sheet in enumerate(sheets)]
         vertex_uv, corner_vertex = textured_vertices(scene)
         if scene.corner_color is not None and (scene.corner_color != 1).any():
             report.warnings.append("vertex colours are handed through as they are and not counted")
-        layout = {"images": [image.shape[1::-1] for image in images], "kinds": kinds, "textures": textures,
-                  "uv_box": None, "materials": [_told(m, placed[n], first) for n, m in enumerate(scene.materials)]}
+        materials = [replace(m, maps={name: first + n for name, n in placed[number].items()})
+                     for number, m in enumerate(scene.materials)]
+        layout = {"images": [image.shape[1::-1] for image in images], "kinds": kinds, "textures": textures, "uv_box": None,
+                  "corner_vertex": corner_vertex, "scene": replace(scene, textures=[], materials=materials, map_uv={},
+                                                                   corner_uv=np.zeros((len(scene.faces), 3, 2)), files={})}
         with report.stage("textures"):
             coded = [codec.enc_image(image, kind) for image, kind in zip(images, kinds, strict=True)]
         sizes = {"texture": sum(map(len, coded)), "uv": 0}
@@ -90,38 +98,29 @@ class Astc(Method):
                        for data, size, kind in zip(coded, layout["images"], kinds, strict=True)]
         for number, data in enumerate(coded):
             (folder / IMAGE.format(number)).write_bytes(data)
-        (folder / LAYOUT).write_text(json.dumps(layout), encoding="utf-8")
-        colour = np.zeros((0, 3, 4), np.float32) if scene.corner_color is None else scene.corner_color
-        np.savez(folder / SOURCE, positions=scene.positions, faces=scene.faces, face_material=scene.face_material,
-                 corner_color=colour, corner_vertex=corner_vertex, vertex_uv=vertex_uv[: 0 if layout["uv_box"] else None],
-                 **{name: frame for name in FRAMES if (frame := getattr(scene, name)) is not None})
+        layout["vertex_uv"] = None if layout["uv_box"] else vertex_uv
+        (folder / LAYOUT).write_bytes(pickle.dumps(layout))
         return {"bytes": {"total": sum(sizes.values()), "geometry": 0, **sizes},
-                "reconstruction_sha256": hash_of(decoded, vertex_uv[corner_vertex]), **codec.options, "images": layout["images"],
+                "reconstruction_sha256": hash_of(*decoded, vertex_uv[corner_vertex]), **codec.options, "images": layout["images"],
                 "uv_vertices": len(vertex_uv), "uv_box": layout["uv_box"]}
 
     def decode(self, folder, options, threads, report):
         """The Scene with the decoded textures and the UVs that were counted."""
-        codec, layout = self.codec(options, threads), json.loads((folder / LAYOUT).read_text(encoding="utf-8"))
+        codec, layout = self.codec(options, threads), pickle.loads((folder / LAYOUT).read_bytes())
         with report.stage("textures"):
             images = [codec.dec_image((folder / IMAGE.format(number)).read_bytes(), *size, kind)
                       for number, (size, kind) in enumerate(zip(layout["images"], layout["kinds"], strict=True))]
-        with np.load(folder / SOURCE) as file:
-            source = dict(file)
-        vertex_uv = source["vertex_uv"]
+        vertex_uv, scene = layout["vertex_uv"], layout["scene"]
         if layout["uv_box"]:
             vertex_uv = dequantise_uv(np.fromfile(folder / UVS, "<u2").reshape(-1, 2), layout["uv_box"])
-        textures = [Texture(images[t["image"]], tuple(t["wrap"]), t["name"]) for t in layout["textures"]]
-        materials = [Material(**m | {"factor": np.array(m["factor"])}) for m in layout["materials"]]
-        scene = Scene(source["positions"], source["faces"], source["face_material"], np.zeros((len(source["faces"]), 3, 2)),
-                      source["corner_color"] if len(source["corner_color"]) else None, materials, textures)
-        scene.corner_uv[textured_faces(scene)] = vertex_uv[source["corner_vertex"]]
-        scene.corner_normal, scene.corner_tangent = (source.get(name) for name in FRAMES)
+        scene.textures = [Texture(images[number], tuple(wrap), name) for number, wrap, name in layout["textures"]]
+        scene.corner_uv[textured_faces(scene)] = vertex_uv[layout["corner_vertex"]]
         return scene
 
     def values_sha256(self, decoded):
         """As the encoder's: of the images in the order of their textures, then of the UVs of the textured faces."""
         images = {id(t.image): t.image for t in decoded.textures}
-        return hash_of(images.values(), decoded.corner_uv[textured_faces(decoded)])
+        return hash_of(*images.values(), decoded.corner_uv[textured_faces(decoded)])
 
 
 def _asked_scene(scene, options, keep, threads):
@@ -132,14 +131,9 @@ def _asked_scene(scene, options, keep, threads):
         return reparametrised(scene, Request(options["parametrisation"], side_of(scene)), keep, threads)[0]
     if options["maps"] == "none":
         return replace(scene, materials=[replace(m, maps={}) for m in scene.materials])
-    from tools.bench.material_quality import needed_maps
+    from tools.bench.map_errors import needed_maps
 
-    return needed_maps(scene)[0]
-
-
-def _told(material, placed, first):
-    """A Material for LAYOUT. placed: numbers of sheets by channel; first: of their textures."""
-    return asdict(material) | {"factor": material.factor.tolist(), "maps": {name: first + n for name, n in placed.items()}}
+    return needed_maps(scene)
 
 
 class Codec:
@@ -211,7 +205,7 @@ def textured_faces(scene):
 
 
 def used_textures(scene):
-    """(images uint8 [H, W, 4], each once; [{"image": its number, "wrap", "name"}] per texture of the scene) of what faces use.
+    """(images uint8 [H, W, 4], each once; [(number of its image, wrap, name)] per texture of the scene) of what faces use.
 
     A texture that no face uses has image 0, which nobody asks. LookupError: no face has a texture.
     """
@@ -220,7 +214,7 @@ def used_textures(scene):
         raise LookupError("no face has a base-colour texture, and ASTC codes nothing else, no vertex colours either")
     images = {id(scene.textures[t].image): scene.textures[t].image for t in sorted(used)}
     numbers = {key: number for number, key in enumerate(images)}
-    textures = [{"image": numbers.get(id(t.image), 0), "wrap": list(t.wrap), "name": t.name} for t in scene.textures]
+    textures = [(numbers.get(id(t.image), 0), t.wrap, t.name) for t in scene.textures]
     return list(images.values()), textures
 
 
@@ -248,12 +242,3 @@ def dequantise_uv(steps, box):
     """UVs float64 [N, 2] of uint16 [N, 2]; at most half of 1 / UV_STEPS of the box's side away from what they were."""
     low, high = np.array(box)
     return low + steps.astype(np.float64) / UV_STEPS * (high - low)
-
-
-def hash_of(images, corner_uv):
-    """SHA-256, hexadecimal, over uint8 images [H, W, 4] and then corner UVs as little-endian float64 [T, 3, 2]."""
-    total = hashlib.sha256()
-    for image in images:
-        total.update(np.ascontiguousarray(image))
-    total.update(np.ascontiguousarray(corner_uv, "<f8"))
-    return total.hexdigest()

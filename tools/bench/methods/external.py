@@ -1,51 +1,31 @@
-"""Codecs that the user brings: TMC13 and learned point-cloud codecs on our voxels, learned image codecs on the source's textures.
+"""TMC13, the MPEG group's G-PCC software, on our voxels, by its command line: octree, lossless geometry, lossy attributes.
 
-"external" codes points: the voxels' coordinates and transferred colours (voxel_values.py) as a PLY file, one for every field. The
-mesh travels as ours, so that the decoder has the voxels; geometry that the program codes as well costs nothing.
+It codes points: the voxels' coordinates and transferred colours (voxel_values.py) as a PLY file, one for every field. The mesh
+travels as ours, so that the decoder has the voxels; geometry that the program codes as well costs nothing. What counts are the
+attribute bricks of its stream, as its own log counts them. Options that are not said here are the program's own defaults; config
+names a file of them, such as its common test conditions make.
 
-    tmc13     the MPEG group's G-PCC software by its command line: octree, lossless geometry, lossy attributes, `transform` "raht"
-              or "predlift". What counts are the attribute bricks of its stream, as its own log counts them. Options that are not
-              said here are the program's own defaults; config names a file of them, such as its common test conditions make.
-    unicorn, deepraht, other
-              any program by a command: {input}, {output}, {decoded}, {qp} and {resolution} stand for the files and numbers.
-              decode_command makes {decoded} of {output}; without one, command leaves it. All of {output} counts.
-
-"external_image" codes the images of UV-Source, counted as astc counts them: elic, ntc or other, by commands over PNG files.
-
-Tests run a small stand-in that speaks TMC13's command line; results are of the program itself (make tmc13). A reconstruction with
-other points than were coded is refused, a program that hangs is ended with all that it has started.
+Tests run a small stand-in that speaks its command line; results are of the program itself (make -C tools tmc13). A reconstruction
+with other points than were coded is refused, a program that hangs is ended with all that it has started. Learned codecs come
+from their authors: such a codec is a plug-in of a condition file, and this file the pattern for it.
 """
 
 import os
-import shlex
 import struct
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-from PIL import Image
 
 from texfcodec.field.morton import encode_morton
 from tools.bench.methods import checked_options, method, programs, source_hash, texf
 from tools.bench.methods import voxel_values as voxels
-from tools.bench.methods.astc import HANDLING, Astc
 from tools.bench.methods.programs import program_of, run_program
 from tools.bench.methods.texf import TexfMethod
 from tools.bench.methods.voxel_values import rgba_of, voxel_values, with_values, write_mesh
 
-DEFAULTS = {"codec": "tmc13", "resolution": 1024, "qp": 34, "transform": "raht", "program": "", "config": "", "command": "",
-            "decode_command": "", "seconds": 3600, "position_bits": None}
-IMAGE_DEFAULTS = {"codec": "other", "qp": 34, "command": "", "decode_command": "", "seconds": 3600, "uv_bytes": "uint16",
-                  "maps": "none", "parametrisation": "source"}
+DEFAULTS = {"resolution": 1024, "qp": 34, "transform": "raht", "program": "", "config": "", "seconds": 3600,
+            "position_bits": None}
 VARIABLE, NAME = "TEXFCODEC_TMC13", "tmc3"
-PROJECTS = {
-    "unicorn": "Unicorn, a learned point-cloud codec, comes from its authors",
-    "deepraht": "DeepRAHT, a learned point-cloud codec, comes from its authors",
-    "elic": "ELIC, a learned image codec, comes from its authors or from one of its public reimplementations",
-    "ntc": "NTC, neural texture compression, comes from its vendor",
-    "other": "the program is yours",
-}
-POINT_CODECS, IMAGE_CODECS = ("tmc13", "unicorn", "deepraht", "other"), ("elic", "ntc", "other")
 GEOMETRY = ("--trisoupNodeSizeLog2=0", "--mergeDuplicatedPoints=0", "--neighbourAvailBoundaryLog2=8",
             "--intra_pred_max_node_size_log2=6", "--positionQuantizationScale=1", "--inferredDirectCodingMode=1",
             "--maxNumQtBtBeforeOt=4", "--minQtbtSizeLog2=0", "--planarEnabled=1", "--planarModeIdcmUse=0",
@@ -58,16 +38,12 @@ TRANSFORMS = {
 CLOUD, STREAM_FILE, RECONSTRUCTION, LOG = "cloud{}.ply", "cloud{}.bin", "cloud{}.decoded.ply", "program.txt"
 ATTRIBUTE_BRICK = 4  # type of a payload: a byte, then 32 bits of length, most significant byte first
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")])
-PLY_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8",
-             "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4",
-             "float64": "f8"}
 
 
 @method("external")
 class External(TexfMethod):
-    """Options and their defaults stand in DEFAULTS: codec one of POINT_CODECS; resolution K; qp as the program has it; of tmc13
-    transform, program (else TEXFCODEC_TMC13, else tmc3 on PATH) and config; of the others command and decode_command; seconds:
-    time limit of a run."""
+    """Options and their defaults stand in DEFAULTS: resolution K; qp as the program has it; transform "raht" or "predlift";
+    program (else TEXFCODEC_TMC13, else tmc3 on PATH) and config; seconds: time limit of a run."""
 
     options = tuple(DEFAULTS)
 
@@ -79,12 +55,9 @@ class External(TexfMethod):
 
     def missing(self, options):
         """As Method.missing."""
-        asked = DEFAULTS | options
-        if asked["codec"] == "tmc13":
-            return None if program_of(asked, VARIABLE, NAME) else (
-                f"{NAME} is not here: TMC13, the MPEG group's mpeg-pcc-tmc13, is built from its sources by make tmc13; then "
-                f"{VARIABLE} or the option program names it")
-        return missing_command(asked)
+        return None if program_of(options, VARIABLE, NAME) else (
+            f"{NAME} is not here: TMC13, the MPEG group's mpeg-pcc-tmc13, is built from its sources by make -C tools tmc13; then "
+            f"{VARIABLE} or the option program names it")
 
     def warm_up(self, options, threads):
         """Loads the kernels that voxels need."""
@@ -96,7 +69,7 @@ class External(TexfMethod):
     def encode(self, scene, options, folder, threads, report):
         """Writes STREAM without values, STREAM_FILE of every field, and what the program leaves. LookupError: the program is not
         there. ProgramError: it failed or took too long. ValueError: an option is out of range, or other points came back."""
-        asked = checked(options, DEFAULTS, POINT_CODECS)
+        asked = checked(options)
         if sentence := self.missing(asked):
             raise LookupError(sentence)
         given = {"resolution": asked["resolution"], "threads": threads, "position_bits": asked["position_bits"]}
@@ -105,14 +78,18 @@ class External(TexfMethod):
             report.warnings.append("alpha is not coded: the program takes points of three colours")
         with report.stage("geometry"):
             sizes = dict(zip(("geometry", "other"), write_mesh(prepared, folder, report), strict=True))
+        config = [f"--config={asked['config']}"] if asked["config"] else [*GEOMETRY, *TRANSFORMS[asked["transform"]]]
         sizes["texture"] = 0
         with report.stage("program"):
             for number, part in enumerate(prepared.fields):
                 cloud, stream, decoded = (folder / name.format(number) for name in (CLOUD, STREAM_FILE, RECONSTRUCTION))
                 write_ply(cloud, part.support.xyz(), rgba_of(part)[:, :3])
-                run_program(_encoding(asked, cloud, stream, decoded), folder / LOG, asked["seconds"])
+                words = ["--mode=0", f"--uncompressedDataPath={cloud}", f"--compressedStreamPath={stream}",
+                         f"--reconstructedDataPath={decoded}", *config, f"--qp={asked['qp']}", "--bitdepth=8",
+                         "--attribute=color"]
+                run_program([*program_of(asked, VARIABLE, NAME), *words], folder / LOG, asked["seconds"])
                 cloud.unlink()
-                sizes["texture"] += counted_bytes(stream, asked["codec"])
+                sizes["texture"] += counted_bytes(stream)
         with report.stage("reconstruction"):
             fields = self._fields(prepared.fields, folder)
         return {"bytes": {"total": sum(sizes.values()), **sizes}, **asked, "voxels": sum(len(part.keys) for part in fields),
@@ -120,14 +97,14 @@ class External(TexfMethod):
 
     def decode(self, folder, options, threads, report):
         """The Texf of STREAM with the program's colours."""
-        asked = checked(options, DEFAULTS, POINT_CODECS)
+        asked = checked(options)
         decoded = super().decode(folder, {}, threads, report)
         with report.stage("program"):
             for number in range(len(decoded.fields)):
                 stream, points = (folder / name.format(number) for name in (STREAM_FILE, RECONSTRUCTION))
-                if command := _decoding(asked, stream, points):
-                    points.unlink(missing_ok=True)  # the encoder's own is not what counts
-                    run_program(command, folder / LOG, asked["seconds"])
+                points.unlink(missing_ok=True)  # the encoder's own is not what counts
+                run_program([*program_of(asked, VARIABLE, NAME), "--mode=1", f"--compressedStreamPath={stream}",
+                             f"--reconstructedDataPath={points}", "--convertPlyColourspace=1"], folder / LOG, asked["seconds"])
         decoded.fields = self._fields(decoded.fields, folder)
         return decoded
 
@@ -135,59 +112,15 @@ class External(TexfMethod):
         return with_values(parts, [read_colours(folder / RECONSTRUCTION.format(n), part.keys) for n, part in enumerate(parts)])
 
 
-def checked(options, defaults, codecs):
+def checked(options):
     """All options. ValueError says which is out of range."""
-    choices = {"codec": codecs, "transform": tuple(TRANSFORMS), **HANDLING}
-    asked = checked_options(options, defaults, {}, {name: known for name, known in choices.items() if name in defaults})
-    if isinstance(asked["seconds"], bool | str) or not asked["seconds"] > 0:
-        raise ValueError(f"seconds must be a number above 0, not {asked['seconds']!r}")
-    return asked
+    return checked_options(options, DEFAULTS, {"seconds": (1, 1_000_000)}, {"transform": tuple(TRANSFORMS)})
 
 
-def missing_command(asked):
-    """A sentence: there is no command, or no such program; None where there is."""
-    for name in ("command", "decode_command"):
-        words = shlex.split(asked[name])
-        if name == "command" and not words:
-            return (f"{asked['codec']} needs an option command, as in \"python encode.py {{input}} {{output}} {{qp}}\": "
-                    f"{PROJECTS[asked['codec']]}, and nothing of it is installed here")
-        if words and not program_of({"program": words[0]}, VARIABLE, NAME):
-            return f"{name} starts with {words[0]}, which is not here: {PROJECTS[asked['codec']]}"
-    return None
-
-
-def filled(template, **values):
-    """The words of a command line whose {names} are filled in, after it was split."""
-    words = shlex.split(template)
-    for name, value in values.items():
-        words = [word.replace(f"{{{name}}}", str(value)) for word in words]
-    return words
-
-
-def _encoding(asked, cloud, stream, decoded):
-    """The command line that codes a cloud."""
-    if asked["codec"] != "tmc13":
-        return filled(asked["command"], input=cloud, output=stream, decoded=decoded, qp=asked["qp"],
-                      resolution=asked["resolution"])
-    config = [f"--config={asked['config']}"] if asked["config"] else [*GEOMETRY, *TRANSFORMS[asked["transform"]]]
-    return [*program_of(asked, VARIABLE, NAME), "--mode=0", f"--uncompressedDataPath={cloud}", f"--compressedStreamPath={stream}",
-            f"--reconstructedDataPath={decoded}", *config, f"--qp={asked['qp']}", "--bitdepth=8", "--attribute=color"]
-
-
-def _decoding(asked, stream, decoded):
-    """The command line that decodes, [] where the encoder left what it decodes to."""
-    if asked["codec"] != "tmc13":
-        return filled(asked["decode_command"], output=stream, decoded=decoded, qp=asked["qp"], resolution=asked["resolution"])
-    return [*program_of(asked, VARIABLE, NAME), "--mode=1", f"--compressedStreamPath={stream}",
-            f"--reconstructedDataPath={decoded}", "--convertPlyColourspace=1"]
-
-
-def counted_bytes(path, codec):
-    """Bytes of a stream that count: of TMC13 its attribute bricks. ValueError: it is no row of payloads."""
+def counted_bytes(path):
+    """Bytes of the attribute bricks of a stream. ValueError: it is no row of payloads."""
     if not path.is_file():
         raise ValueError("the program ended without a bitstream")
-    if codec != "tmc13":
-        return path.stat().st_size
     data, place, total = path.read_bytes(), 0, 0
     while place < len(data):
         kind, length = struct.unpack_from(">BI", data, place) if place + 5 <= len(data) else (0, len(data))
@@ -211,28 +144,17 @@ def write_ply(path, xyz, rgb):
 
 
 def read_ply(path):
-    """(xyz float64 [N, 3], rgb uint8 [N, 3]) of a PLY file of points, text or binary little-endian. ValueError: it is something
-    else."""
-    data = path.read_bytes() if path.is_file() else b""
-    head, found, body = data.partition(b"end_header\n")
-    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
-    count = next((int(line[2]) for line in lines if line[:2] == ["element", "vertex"]), -1)
-    names = [(line[2], PLY_TYPES.get(line[1])) for line in lines if line[:1] == ["property"] and len(line) == 3]
-    form = next((line[1] for line in lines if line[:1] == ["format"]), "")
-    if not found or count < 0 or None in dict(names).values() or not {*POINT.names} <= dict(names).keys():
-        raise ValueError("what the program decoded is no PLY file of points with colours")
-    if form == "ascii":
-        table = np.array(body.split(), np.float64)
-        if len(table) != count * len(names):
-            raise ValueError("the decoded PLY file has other rows than it says")
-        columns = dict(zip([name for name, _ in names], table.reshape(count, len(names)).T, strict=True))
-    else:
-        kind = np.dtype([(name, "<" + letter) for name, letter in names])
-        if form != "binary_little_endian" or len(body) < count * kind.itemsize:
-            raise ValueError("the decoded PLY file is cut off, or neither text nor binary little-endian")
-        columns = np.frombuffer(body, kind, count)
-    xyz = np.stack([np.asarray(columns[name], np.float64) for name in "xyz"], axis=1)
-    return xyz, np.stack([np.asarray(columns[name]) for name in ("red", "green", "blue")], axis=1).astype(np.uint8)
+    """(xyz float64 [N, 3], rgb uint8 [N, 3]) of a PLY file of points, by trimesh. ValueError: it is something else."""
+    import trimesh
+
+    try:
+        cloud = trimesh.load(path, file_type="ply", process=False)
+        xyz, rgb = np.asarray(cloud.vertices, np.float64), np.asarray(cloud.colors)[:, :3]
+    except Exception as error:  # what a program writes may be anything
+        raise ValueError(f"what the program decoded is no PLY file of points with colours: {error}") from error
+    if xyz.shape != rgb.shape:
+        raise ValueError("what the program decoded is a PLY file of points without colours")
+    return xyz, rgb
 
 
 def read_colours(path, keys):
@@ -247,74 +169,3 @@ def read_colours(path, keys):
     if not np.array_equal(found[order], keys):
         raise ValueError("the program decoded points at other places than were coded")
     return np.column_stack([rgb[order], np.full(len(keys), 255, np.uint8)])
-
-
-@method("external_image")
-class ExternalImage(Astc):
-    """Options and their defaults stand in IMAGE_DEFAULTS: codec one of IMAGE_CODECS; command and decode_command with {input},
-    {output}, {decoded} and {qp}, images being PNG files; seconds: time limit of a run; uv_bytes, maps and parametrisation as
-    astc has them."""
-
-    options = tuple(IMAGE_DEFAULTS)
-    packages = ()
-
-    def codec(self, options, threads):
-        """As Astc.codec."""
-        return ImageProgram(options)
-
-    def version(self):
-        """As Astc.version, and a hash of what runs the program, of which itself nothing is known."""
-        return f"{super().version()} {source_hash(programs.__file__)}"
-
-    def missing(self, options):
-        """As Method.missing."""
-        return missing_command(IMAGE_DEFAULTS | options)
-
-    def warm_up(self, options, threads):
-        """Nothing is to be loaded."""
-
-
-class ImageProgram:
-    """A command that codes images, as astc.Codec. LookupError: what is not here; ValueError: an option is out of range."""
-
-    def __init__(self, options):
-        self.options = checked(options, IMAGE_DEFAULTS, IMAGE_CODECS)
-        if sentence := missing_command(self.options):
-            raise LookupError(sentence)
-
-    def shipped(self, image):
-        """The image that is coded in the place of one of the source."""
-        return image
-
-    def enc_image(self, image, kind=""):
-        """The program's bytes of an image uint8 [H, W, 4]. ValueError: there are none."""
-        return self._run("command", image)[0]
-
-    def dec_image(self, data, width, height, kind=""):
-        """The image uint8 [H, W, 4] of the program's bytes. ValueError: it is none of this size."""
-        template = "decode_command" if self.options["decode_command"] else None
-        if template is None:
-            raise ValueError("external_image needs a decode_command: the decoder has no more than {output}")
-        decoded = self._run(template, data)[1]
-        if decoded is None or decoded.shape[:2] != (height, width):
-            size = "nothing" if decoded is None else f"{decoded.shape[1]} x {decoded.shape[0]} pixels"
-            raise ValueError(f"the program decoded {size} where {width} x {height} were coded")
-        return decoded
-
-    def _run(self, template, given):
-        """(bytes of {output}, image {decoded} or None) after a command on an image or on bytes."""
-        from tempfile import TemporaryDirectory
-
-        with TemporaryDirectory(prefix="texf-image-") as folder:
-            names = {"input": "input.png", "output": "output.bin", "decoded": "decoded.png"}
-            paths = {key: Path(folder) / name for key, name in names.items()}
-            if isinstance(given, bytes):
-                paths["output"].write_bytes(given)
-            else:
-                Image.fromarray(given).save(paths["input"])
-            run_program(filled(self.options[template], qp=self.options["qp"], **paths), Path(folder) / LOG,
-                        self.options["seconds"])
-            if not paths["output"].is_file():
-                raise ValueError("the program ended without a bitstream")
-            decoded = np.array(Image.open(paths["decoded"]).convert("RGBA")) if paths["decoded"].is_file() else None
-            return paths["output"].read_bytes(), decoded

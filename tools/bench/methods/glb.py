@@ -1,7 +1,7 @@
 """Whole GLB files of rivals: the source as all of them get it, what its parts weigh, and the check of what came out.
 
 Every rival codes the same: positions, faces, base colour (factors, images, and their UVs) with alpha where it shows, and vertex
-colours where they say anything. Normals, tangents, other maps and names are left out, as everyday_rivals.py leaves them out; our
+colours where they say anything. Normals, tangents, other maps and names are left out, as uv.py leaves them out; our
 side is to be coded with effects = "none". Vertices are the distinct pairs of position, UV and colour of a material.
 """
 
@@ -9,52 +9,17 @@ import hashlib
 import json
 import struct
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
 from texfcodec.scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material
-from tools.bench.methods import Method, programs, source_hash
+from tools.bench.methods import hash_of
 
 POSITION_BITS = 14
 WHOLE, BARE = "whole.glb", "geometry.glb"
 WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
-
-
-class GlbMethod(Method):
-    """A method whose encode leaves WHOLE, what is counted and decoded, and BARE, the same without looks."""
-
-    def encoder(self):
-        """The name and version of what codes; "" where it is not installed."""
-        return ""
-
-    def version(self):
-        """encoder(), and a hash of the files that these methods share."""
-        return f"{self.encoder()} {source_hash(__file__, programs.__file__)}"
-
-    def decode(self, folder, options, threads, report):
-        """The Scene of WHOLE, by our loader."""
-        return checked(folder / WHOLE)
-
-    def values_sha256(self, decoded):
-        """As facts_of has it."""
-        return scene_sha256(decoded)
-
-
-def meshopt_missing():
-    """A sentence where our loader cannot read meshopt, else None."""
-    if find_spec("meshoptimizer"):
-        return None
-    return 'meshopt is read by the package meshoptimizer: pip install "texfcodec[formats]"'
-
-
-def ktx2_missing():
-    """A sentence where our loader cannot read KTX2, else None."""
-    if find_spec("opengl_basisu"):
-        return None
-    return 'KTX2 is read by the package opengl-basisu: pip install "texfcodec[formats]"'
 
 
 @dataclass
@@ -93,16 +58,18 @@ def source_of(scene):
     return Source(replace(scene, materials=materials), images, content)
 
 
-def document_of(source, coded=None, packing=None):
+def document_of(source, coded=None):
     """A gltf_write.Document. coded: {content: (image_write.ImageFormat, bytes)}, one for each image; without it there are neither
-    images nor UVs nor vertex colours, which leaves the geometry. packing: of io/gltf/packing.py, plain where it is None."""
+    images nor UVs nor vertex colours, which leaves the geometry."""
     from texfcodec.io.gltf.material import extensions_of, write_material
     from texfcodec.io.gltf.packing import Plain
     from texfcodec.io.gltf.writer import Document
 
-    document, scene, packing = Document({}), source.scene, packing or Plain()
+    document, scene, packing = Document({}), source.scene, Plain()
     textures = _add_textures(document, source, coded or {})
-    positions, translation, scale = packing.positions(_frame(scene), np.arange(len(scene.positions)))
+    low, high = scene.positions.min(axis=0), scene.positions.max(axis=0)
+    box = SimpleNamespace(positions=scene.positions, origin=low, side=float((high - low).max()), position_bits=POSITION_BITS)
+    positions, translation, scale = packing.positions(box, np.arange(len(scene.positions)))
     entries, primitives = [], []
     for number in np.unique(scene.face_material):
         columns, corners = _columns(source, positions, number, coded is not None)
@@ -115,12 +82,6 @@ def document_of(source, coded=None, packing=None):
         document.use_extension(name)
     document.add_mesh(primitives, translation, scale)
     return document
-
-
-def _frame(scene):
-    """What a packing asks of a Texf: the box that positions are rounded in."""
-    low, high = scene.positions.min(axis=0), scene.positions.max(axis=0)
-    return SimpleNamespace(positions=scene.positions, origin=low, side=float((high - low).max()), position_bits=POSITION_BITS)
 
 
 def _columns(source, positions, number, has_looks):
@@ -214,11 +175,8 @@ def weights_of(path):
 
 
 def scene_sha256(scene):
-    """SHA-256, hexadecimal, over positions, faces, UVs and images of a Scene."""
-    total = hashlib.sha256()
-    for values in (scene.positions, scene.faces, scene.corner_uv, *(t.image for t in scene.textures)):
-        total.update(np.ascontiguousarray(values))
-    return total.hexdigest()
+    """hash_of() positions, faces, UVs and images of a Scene."""
+    return hash_of(scene.positions, scene.faces, scene.corner_uv, *(t.image for t in scene.textures))
 
 
 def facts_of(folder, scene):

@@ -11,6 +11,7 @@ CODECS names them with what `quality` means, the range it may have and the step 
           temporal unit in the AVIF file, decoded by libdav1d.
     avif  the same with the bytes of the file; alpha is AVIF's own.
     webp  quality; Pillow, method 6; chroma is always 4:2:0.
+    avif6, webp4  quality; as Pillow users have them, speed 6 and method 4; an image of equal columns is coded as grey.
     jpeg  quality; Pillow, progressive with optimised Huffman tables.
     jxl   Butteraugli distance, smaller is better; libjxl through imagecodecs, effort 7, a bare codestream; chroma always 4:4:4.
 
@@ -50,11 +51,14 @@ CODECS = {
     "av1": Codec("CQ level", 0, 63, "aom and dav1d"),
     "avif": Codec("CQ level", 0, 63, "aom", True),
     "webp": Codec("quality", 0, 100, "webp", True),
+    "avif6": Codec("quality", 0, 100, "aom", True),
+    "webp4": Codec("quality", 0, 100, "webp", True),
     "jpeg": Codec("quality", 1, 95, "jpeg"),
     "jxl": Codec("distance", 0, 25, "jxl"),
 }
 CHROMAS = ("420", "444")
 PRESET, AV1_SPEED, WEBP_METHOD, JXL_EFFORT = "slow", 3, 6, 7
+USUAL_SPEED, USUAL_METHOD = 6, 4
 AV1_TUNING = {"tune": "psnr", "enable-cdef": "1", "enable-restoration": "1"}
 LEAST_SIDE = 16  # texels
 RGBA_MARK = b"RGBA"
@@ -259,6 +263,22 @@ def _enc_webp(image, quality, chroma, threads):
     return _saved(image, "WEBP", quality=quality, method=WEBP_METHOD)
 
 
+def _enc_avif6(image, quality, chroma, threads):
+    image = _as_grey(image)
+    sampling = "4:0:0" if image.ndim == 2 else ":".join(chroma)
+    return _saved(image, "AVIF", quality=quality, speed=USUAL_SPEED, subsampling=sampling, max_threads=threads)
+
+
+def _enc_webp4(image, quality, chroma, threads):
+    return _saved(_as_grey(image), "WEBP", quality=quality, method=USUAL_METHOD)
+
+
+def _as_grey(image):
+    """One column of an image of equal ones, [H, W]; the image where it has others or alpha."""
+    is_grey = image.ndim == 3 and image.shape[2] == 3 and (image[..., :1] == image[..., 1:]).all()
+    return np.ascontiguousarray(image[..., 0]) if is_grey else image
+
+
 def _enc_jpeg(image, quality, chroma, threads):
     return _saved(image, "JPEG", quality=quality, optimize=True, progressive=True, subsampling=0 if chroma == "444" else 2)
 
@@ -287,5 +307,7 @@ def _dec_jxl(data):
     return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
 
 
-_ENC = {"hevc": _enc_hevc, "av1": _enc_av1, "avif": _enc_avif, "webp": _enc_webp, "jpeg": _enc_jpeg, "jxl": _enc_jxl}
-_DEC = {"hevc": _dec_hevc, "av1": _dec_av1, "avif": _dec_pillow, "webp": _dec_pillow, "jpeg": _dec_pillow, "jxl": _dec_jxl}
+_ENC = {"hevc": _enc_hevc, "av1": _enc_av1, "avif": _enc_avif, "avif6": _enc_avif6, "webp": _enc_webp, "webp4": _enc_webp4,
+        "jpeg": _enc_jpeg, "jxl": _enc_jxl}
+_DEC = dict.fromkeys(("avif", "avif6", "webp", "webp4", "jpeg"), _dec_pillow) | {"hevc": _dec_hevc, "av1": _dec_av1,
+                                                                             "jxl": _dec_jxl}

@@ -33,6 +33,7 @@ from texfcodec.options import EncodeOptions
 from texfcodec.scene.fetch import pack_source, sample_source
 from texfcodec.scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, Material, Scene, Texture
 from tools.bench.methods import versions_of
+from tools.bench.methods.draco_mesh import enc_mesh
 from tools.bench.methods.image_codecs import RIVALS
 
 SOURCE_UVS, PARAMETRISATIONS = "source", ("source", "uvatlas", "xatlas")
@@ -41,7 +42,7 @@ SECONDS = 1800.0
 GUTTER = 4  # texels between charts, as io/atlas/quality.py asks xatlas for
 LEAST_SIDE, MOST_SIDE = 16, 16384
 NOT_LOADED = 3  # status of the child process
-_CHILD = "from bench.methods.parametrise import _child; _child()"
+_CHILD = "from tools.bench.methods.parametrise import _child; _child()"
 
 
 class NoAtlas(Exception):
@@ -142,9 +143,7 @@ def _key(scene, request):
 def new_uv(lattice, faces, request):
     """UVs of a mesh, float64 [F, 3, 2] in 0..1. lattice: int64 [V, 3] of POSITION_BITS, no two alike; faces: int64 [F, 3];
     request: Request. NoAtlas says why there are none."""
-    from tools.bench.everyday_rivals import enc_mesh
-
-    points, decoded = draco_mesh(enc_mesh(lattice, faces, None, 0, None))
+    points, decoded = draco_mesh(enc_mesh(lattice, faces))
     face, turn = matched(lattice[faces], points[decoded])
     unit = points / (1 << POSITION_BITS)
     uv = _UNWRAP[request.parametrisation](unit, decoded, request.side, request.seconds)

@@ -5,10 +5,11 @@ The voxels and their colours are those that our encoder would code (voxel_values
 The decoder has the mesh and so the voxels; what counts beside the geometry is the image, alpha included where there is any, and
 what a stream without values takes (materials, counts, checksums, one mesh more per field and material: from 100 bytes on).
 
-A GPU looks a voxel up without walking the mesh, so that ASTC's image needs a structure that gives the rank of a voxel: the DAG
-that the paper names, or the octree, both in addressing.py and built for every field. By default the smaller one counts, because a
-careful user would take it: on smooth surfaces that is the octree, whose node is a byte, while the DAG's is a word and another one
-for each child, and few of its subtrees are alike. Results tell the bytes of both.
+A GPU looks a voxel up without walking the mesh, so that ASTC's image needs a structure that gives the rank of a voxel: an
+octree, built for every field, which on smooth surfaces is smaller than the DAG that the paper names. It is one mask of 8 bits a
+node, level by level, in records of 64 bytes: the number of bits set in all earlier records, then 60 masks. Node n + 1 is the one
+that the n-th set bit of the whole list leads to, so that counting bits is all there is to do, on the last level too, where it
+gives the rank.
 """
 
 from importlib.util import find_spec
@@ -17,34 +18,34 @@ from types import SimpleNamespace
 import numpy as np
 
 from texfcodec.field.extents import octree_depth
-from tools.bench.methods import addressing, checked_options, image_codecs, method, source_hash, space_filling, texf
+from tools.bench.methods import checked_options, image_codecs, method, source_hash, space_filling, texf
 from tools.bench.methods import voxel_values as voxels
-from tools.bench.methods.addressing import STRUCTURES
 from tools.bench.methods.astc import Astc, Codec
-from tools.bench.methods.space_filling import CURVES, FILLS, curve_keys, from_image, image_size, to_image
+from tools.bench.methods.space_filling import CURVES, curve_keys, from_image, image_size, to_image
 from tools.bench.methods.texf import TexfMethod
 from tools.bench.methods.voxel_values import rgba_of, voxel_values, with_values, write_mesh
 
-DEFAULTS = {"resolution": 2048, "curve": "hilbert", "fill": "blocks", "tile": 64, "codec": "hevc", "qp": 31, "chroma": "444",
-            "block": "6x6", "quality": 98, "profile": "ldr", "addressing": "smallest", "position_bits": None}
+DEFAULTS = {"resolution": 2048, "curve": "hilbert", "tile": 64, "codec": "hevc", "qp": 31, "chroma": "444",
+            "block": "6x6", "quality": 98, "profile": "ldr", "position_bits": None}
 ASTC_OPTIONS = ("block", "quality", "profile")
 CODECS, CHROMA, TILES = ("hevc", "av1", "astc"), ("444", "420"), tuple(1 << bits for bits in range(3, 11))
 IMAGE, ADDRESSES = "image.bin", "addresses{}.bin"
 WARM_SIDE = 64
+RECORD_MASKS = 60  # of the octree
 
 
 @method("serialized")
 class Serialized(TexfMethod):
-    """Options and their defaults stand in DEFAULTS: resolution K of the voxels; curve one of CURVES; fill "blocks", tiles of
-    `tile` pixels a side along the curve, or "rows"; codec one of CODECS, with qp (of av1 the CQ level) and chroma, or with block,
-    quality and profile as astc has them and addressing "dag", "octree" or "smallest"; position_bits as our encoder has them."""
+    """Options and their defaults stand in DEFAULTS: resolution K of the voxels; curve one of CURVES, in tiles of `tile`
+    pixels a side; codec one of CODECS, with qp (of av1 the CQ level) and chroma, or with block, quality and profile as astc has
+    them; position_bits as our encoder has them."""
 
     options = tuple(DEFAULTS)
 
     def version(self):
         """The versions of the image codecs, and a hash of further files that results depend on."""
         found = [image_codecs.versions(codec) for codec in CODECS if codec != "astc"]
-        files = (module.__file__ for module in (addressing, image_codecs, space_filling, texf, voxels))
+        files = (module.__file__ for module in (image_codecs, space_filling, texf, voxels))
         return " ".join([Astc().version(), *found, source_hash(*files)])
 
     def missing(self, options):
@@ -78,22 +79,21 @@ class Serialized(TexfMethod):
         with report.stage("serialise"):
             order = orders(prepared.fields, asked["curve"])
             values = np.concatenate([rgba_of(part)[along] for part, (along, _) in zip(prepared.fields, order, strict=True)])
-            image = to_image(values, asked["tile"], asked["curve"], asked["fill"])
+            image = to_image(values, asked["tile"], asked["curve"])
         with report.stage("image"):
             has_alpha = asked["codec"] == "astc" or any("alpha" in part.planes for part in prepared.fields)
             coded = {IMAGE: coder.enc(image if has_alpha else image[..., :3])}
-        told = {"dag_bytes": 0, "octree_bytes": 0}
         if asked["codec"] == "astc":
             with report.stage("addressing"):
-                chosen, told = _addresses(order, [part.support.size for part in prepared.fields], asked["addressing"])
-            coded |= {ADDRESSES.format(number): data for number, data in enumerate(chosen)}
+                coded |= {ADDRESSES.format(number): enc_octree(keys, octree_depth(part.support.size))
+                          for number, ((_, keys), part) in enumerate(zip(order, prepared.fields, strict=True))}
         for name, data in coded.items():
             (folder / name).write_bytes(data)
         with report.stage("reconstruction"):
             fields = self._fields(prepared.fields, folder, asked, coder)
         sizes["texture"] = len(coded[IMAGE])
         sizes["addressing"] = sum(map(len, coded.values())) - sizes["texture"]
-        return {"bytes": {"total": sum(sizes.values()), **sizes}, **asked, **told,
+        return {"bytes": {"total": sum(sizes.values()), **sizes}, **asked,
                 "reconstruction_sha256": self.values_sha256(SimpleNamespace(fields=fields)), "image": list(image.shape[1::-1]),
                 "voxels": len(values), "fields": len(fields)}
 
@@ -106,7 +106,7 @@ class Serialized(TexfMethod):
 
     def _fields(self, parts, folder, asked, coder):
         """Fields over the supports of parts with what the coded images hold."""
-        layout = asked["tile"], asked["curve"], asked["fill"]
+        layout = asked["tile"], asked["curve"]
         count = sum(len(part.support) for part in parts)
         size = image_size(count, asked["tile"])
         values = from_image(coder.dec((folder / IMAGE).read_bytes(), *size), count, *layout)
@@ -120,8 +120,7 @@ class Serialized(TexfMethod):
 
 def checked(options):
     """All options. ValueError says which is out of range."""
-    return checked_options(options, DEFAULTS, {}, {"curve": CURVES, "fill": FILLS, "tile": TILES, "codec": CODECS,
-                                                   "chroma": CHROMA, "addressing": (*STRUCTURES, "smallest")})
+    return checked_options(options, DEFAULTS, {}, {"curve": CURVES, "tile": TILES, "codec": CODECS, "chroma": CHROMA})
 
 
 def orders(parts, curve):
@@ -134,13 +133,18 @@ def orders(parts, curve):
     return out
 
 
-def _addresses(order, sizes, wanted):
-    """(bytes of the structure of every field, {"addressing", "dag_bytes", "octree_bytes"})."""
-    made = {name: [enc(keys, octree_depth(size)) for (_, keys), size in zip(order, sizes, strict=True)]
-            for name, (enc, _) in STRUCTURES.items()}
-    totals = {name: sum(map(len, data)) for name, data in made.items()}
-    chosen = min(totals, key=totals.get) if wanted == "smallest" else wanted
-    return made[chosen], {"addressing": chosen} | {f"{name}_bytes": total for name, total in totals.items()}
+def enc_octree(keys, bits):
+    """Bytes of the octree of keys int64 [N], places of voxels along the curve, ascending, N >= 1, each below 8**bits."""
+    levels = []
+    for level in range(bits):
+        cells = np.unique(keys >> 3 * level)
+        first = np.flatnonzero(np.diff(cells >> 3, prepend=-1))
+        levels.append(np.bitwise_or.reduceat(np.int64(1) << (cells & 7), first))
+    masks = np.concatenate(levels[::-1]).astype(np.uint8)
+    masks = np.pad(masks, (0, -len(masks) % RECORD_MASKS)).reshape(-1, RECORD_MASKS)
+    before = np.cumsum(np.unpackbits(masks, axis=1).sum(axis=1, dtype=np.int64))
+    counts = np.append(0, before[:-1]).astype("<u4")
+    return np.hstack([counts[:, None].view(np.uint8), masks]).tobytes()
 
 
 def image_coder(asked, threads):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-CURVES, FILLS = ("morton", "hilbert"), ("blocks", "rows")
+CURVES = "morton", "hilbert"
 
 
 def curve_keys(cells, bits, curve):
@@ -49,16 +49,13 @@ def image_size(count, tile):
     return columns * tile, max(math.ceil(count / (columns * tile * tile)), 1) * tile
 
 
-def image_places(count, tile, curve, fill):
+def image_places(count, tile, curve):
     """Pixel of each of count values as its number in the image of image_size(), row by row: int64 [count].
 
-    fill "rows": one row of pixels after the other. "blocks": tiles of `tile`, a power of two, pixels a side, in each along the
-    curve in two dimensions. Tiles go row by row; with the Hilbert curve every other row is mirrored, so that a row of tiles is
-    one path without a jump.
+    Tiles of `tile`, a power of two, pixels a side, in each along the curve in two dimensions. Tiles go row by row; with the
+    Hilbert curve every other row is mirrored, so that a row of tiles is one path without a jump.
     """
     width, height = image_size(count, tile)
-    if fill == "rows":
-        return np.arange(count)
     y, x = (a.ravel() for a in np.divmod(np.arange(tile * tile), tile))
     order = np.argsort(curve_keys(np.stack([x, y], axis=1), tile.bit_length() - 1, curve))
     x, y = x[order], y[order]  # the Hilbert curve leaves its tile at the end of the row on which it came in
@@ -70,18 +67,18 @@ def image_places(count, tile, curve, fill):
     return (row * tile + y[inside]) * width + at
 
 
-def to_image(values, tile, curve, fill):
+def to_image(values, tile, curve):
     """The image uint8 [height, width, C] of values uint8 [N, C], N >= 1; the pixels that are left over repeat the last value."""
     width, height = image_size(len(values), tile)
     image = np.empty((height * width, values.shape[1]), np.uint8)
     image[:] = values[-1]
-    image[image_places(len(values), tile, curve, fill)] = values
+    image[image_places(len(values), tile, curve)] = values
     return image.reshape(height, width, -1)
 
 
-def from_image(image, count, tile, curve, fill):
+def from_image(image, count, tile, curve):
     """The count values, [count, C], of their image. ValueError: it is not of the size that so many values have."""
     width, height = image_size(count, tile)
     if image.shape[:2] != (height, width):
         raise ValueError(f"the image decodes to {image.shape[1]} x {image.shape[0]} pixels where {width} x {height} were coded")
-    return image.reshape(height * width, -1)[image_places(count, tile, curve, fill)]
+    return image.reshape(height * width, -1)[image_places(count, tile, curve)]

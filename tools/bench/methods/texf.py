@@ -1,34 +1,47 @@
 """Our own codec as a method of rate_points.py."""
 
-import hashlib
+from contextlib import contextmanager
 from dataclasses import fields
-
-import numpy as np
 
 from texfcodec.codecs import codec_of
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import DEFAULT_CODEC, EncodeOptions
-from tools.bench.methods import Method, method, source_hash, versions_of
+from tools.bench.methods import Method, draco_mesh, hash_of, method, source_hash, versions_of
 
 STREAM, BAKED = "stream.texf", "baked.glb"
 NOT_SETTINGS = {"threads", "measure", "limits", "checkpoint"}
 WARM_RESOLUTION = 64
 
 
+@contextmanager
+def transfer_density(density):
+    """The transfer's most samples per voxel edge, for a while; None changes nothing."""
+    from texfcodec.encoder.values import source_field
+
+    usual, fitted = dict(source_field.TRANSFER_DENSITY), source_field.FITTED_DENSITY
+    if density is not None:
+        source_field.TRANSFER_DENSITY.update(dict.fromkeys(usual, density))
+        source_field.FITTED_DENSITY = density
+    try:
+        yield
+    finally:
+        source_field.TRANSFER_DENSITY.update(usual)
+        source_field.FITTED_DENSITY = fitted
+
+
 @method("texf")
 class TexfMethod(Method):
-    """Options are the fields of EncodeOptions; the defaults are the package's. Bytes are those of the stream, of a 3DNTC payload
+    """Options are the fields of EncodeOptions, and density, the transfer's most samples per voxel edge; the defaults are the
+    package's. Bytes are those of the stream, of a 3DNTC payload
     those that a GPU keeps. "geometry" is what positions alone take as one mesh at the bits asked for, as for UV rivals; what the
     stream's geometry takes beyond, for UVs, finer positions and further units, is "placement" and counts with the texture. A GPU
     keeps its mesh in no stream: beside a 3DNTC payload all of the stream's geometry is "geometry"."""
 
-    options = tuple(f.name for f in fields(EncodeOptions) if f.name not in NOT_SETTINGS)
+    options = (*(f.name for f in fields(EncodeOptions) if f.name not in NOT_SETTINGS), "density")
 
     def version(self):
         """The version of DracoPy, and a hash of the file that counts positions."""
-        from tools.bench import everyday_rivals
-
-        return f"{versions_of('DracoPy')} {source_hash(everyday_rivals.__file__)}"
+        return f"{versions_of('DracoPy')} {source_hash(draco_mesh.__file__)}"
 
     def warm_up(self, options, threads):
         """Codes and decodes two small sheets under the same options, but with few voxels, without a target, and with a fit where
@@ -36,22 +49,23 @@ class TexfMethod(Method):
         from texfcodec.api import decode, encode
         from texfcodec.precompile import small_scene
 
-        kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr", "target_psnr_of")}
+        kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr", "target_psnr_of", "density")}
         kept |= {"resolution": WARM_RESOLUTION, "threads": threads, "refine_iterations": 1}
         if codec_of(kept.get("codec", DEFAULT_CODEC)).joint:
             kept["steps"] = 1
         elif kept.get("refine", "auto") == "auto" and kept.get("effort") != "fast":
             kept["refine"] = "fit"
         decode(encode(small_scene(), EncodeOptions(**kept)))
-        if EncodeOptions(**options).may_choose_texels:
+        if EncodeOptions(**{k: v for k, v in options.items() if k != "density"}).may_choose_texels:
             decode(encode(small_scene(), EncodeOptions(**kept | {"support": "texels"})))
 
     def encode(self, scene, options, folder, threads, report):
         """Writes STREAM."""
         from texfcodec.api import encode_to_result
 
-        settings = EncodeOptions(**options, threads=threads)
-        made = encode_to_result(scene, settings, report)
+        settings = EncodeOptions(**{k: v for k, v in options.items() if k != "density"}, threads=threads)
+        with transfer_density(options.get("density")):
+            made = encode_to_result(scene, settings, report)
         (folder / STREAM).write_bytes(made.data)
         asked, sizes = {"resolution": made.resolution, "qp": made.qp}, made.sizes
         if "resident" in made.choices:
@@ -75,12 +89,7 @@ class TexfMethod(Method):
     def values_sha256(self, decoded):
         """As Encoded.reconstruction_sha256 of the encoder: field by field and channel by channel, the keys
         as 64-bit little-endian numbers, then the uint8 values [N, C]."""
-        total = hashlib.sha256()
-        for field in decoded.fields:
-            for plane in field.planes.values():
-                total.update(np.ascontiguousarray(field.keys, "<i8"))
-                total.update(np.ascontiguousarray(plane))
-        return total.hexdigest()
+        return hash_of(*(part for field in decoded.fields for plane in field.planes.values() for part in (field.keys, plane)))
 
 
 @method("texf_baked")
@@ -103,8 +112,6 @@ class TexfBakedMethod(TexfMethod):
 
 
 def geometry_bytes(scene, position_bits):
-    """everyday_rivals.positions_alone() of a Scene."""
-    from tools.bench.everyday_rivals import positions_alone
-
+    """draco_mesh.positions_alone() of a Scene."""
     surface = make_surface(scene, EncodeOptions(position_bits=position_bits))
-    return positions_alone(surface.lattice, surface.faces)
+    return draco_mesh.positions_alone(surface.lattice, surface.faces)

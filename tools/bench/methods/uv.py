@@ -1,49 +1,56 @@
-"""The rivals UV-Source and UV-Reparam: UVs by Draco, images by HEVC, AV1, AVIF, WebP, JPEG or JPEG XL. Base colour alone.
+"""The rivals UV-Source and UV-Reparam: UVs by Draco, images by HEVC, AV1, AVIF, WebP, JPEG or JPEG XL. Base colour alone, or all
+that is seen in light.
 
 Bytes: "geometry" is what Draco needs for the positions alone at 14 bits, one mesh, as it is of our own streams; "uv" is what it
-needs more with UVs, one mesh per material or one of all, whichever is smaller; "texture" are the images that faces use, each
-content once. The total is the size of the files MESH and IMAGE, and the decoder has nothing else but what costs a file format a
-few bytes: the box of the mesh and those of the UVs, sizes of images, the materials' names, factors and wrap modes. Handed through
-for nothing, in the rivals' favour, are the material of each face and vertex colours beside textures.
+needs more for all that stands at corners, one mesh per material or one of all, whichever is smaller; "texture" are the images
+that faces use, each content once. The total is the size of the files MESH and IMAGE, and the decoder has nothing else but what
+costs a file format a few bytes: the box of the mesh and those of the UVs, sizes of images, the materials' names, factors and wrap
+modes. Handed through for nothing, in the rivals' favour, are the material of each face and, without colour_bits, vertex colours.
 
 UVs take uv_bits of the longer side of their material's box. "auto" is the paper's: 12 for images up to 2048 texels a side, 13
 above; one more for every time that the box is twice as long as the image, where textures repeat.
 
 "source" takes the source's UVs and images; "uvatlas" and "xatlas" a new parametrisation with one square image (parametrise.py),
 which has as many texels as the source's images together unless `size` says otherwise. scale: of the sides of images.
+
+What a user of everyday tools has is colour_bits with the codecs avif6, webp4 and jpeg. With maps = "all" every map that shows
+more than one value is coded, each image at the same quality and, with chroma = "best", at the better of both subsamplings;
+columns that nothing asks are flat, one alone is grey. normal_bits are those of Draco's octahedra; without tangent_bits viewers
+make TANGENTs, and maps that the file's turn over are turned back first.
 """
 
-import hashlib
-import json
-from dataclasses import asdict
+import pickle
+from dataclasses import replace
 
 import numpy as np
 from PIL import Image
 
-from texfcodec.geometry.canonical import CanonicalCube, fit_cube
+from texfcodec.geometry.canonical import fit_cube
 from texfcodec.scene.scene import Material, Scene, Texture
-from tools.bench.methods import Method, image_codecs, method, parametrise, source_hash
+from tools.bench.methods import Method, draco_mesh, hash_of, image_codecs, method, parametrise, source_hash
+from tools.bench.methods.draco_mesh import dec_mesh, enc_mesh, positions_alone, quantise_uv, rival_of, uv_boxes
 
 DEFAULTS = {"parametrisation": "source", "codec": "hevc", "quality": 35, "chroma": "420", "uv_bits": "auto", "scale": 1.0,
-            "size": 0, "seconds": parametrise.SECONDS}
+            "size": 0, "seconds": parametrise.SECONDS, "colour_bits": 0, "maps": "none", "normal_bits": 0, "tangent_bits": 0}
 UV_BITS, LARGE_UV_BITS, LARGE, MOST_UV_BITS = 12, 13, 2048, 20
-MESH, IMAGE, LAYOUT, HANDED = "mesh{}.drc", "image{}.{}", "layout.json", "handed.npz"
+CORNER_BITS = {"colour_bits": 12, "normal_bits": 16, "tangent_bits": 16}  # the most of each
+MESH, IMAGE, LAYOUT = "mesh{}.drc", "image{}.{}", "layout.pickle"
+WORTH = 0.8  # of a smaller image: bytes, times the error to this power
 
 
 @method("uv")
 class Uv(Method):
     """Options and their defaults stand in DEFAULTS: parametrisation one of parametrise.PARAMETRISATIONS; codec, quality, chroma
-    as image_codecs has them; uv_bits "auto" or a number; scale of the images' sides; size: side of a new atlas, 0 for as many
-    texels as the source has; seconds: time limit of a new parametrisation."""
+    as image_codecs has them, or chroma "best"; uv_bits "auto" or a number; scale of the images' sides; size: side of a new
+    atlas, 0 for as many texels as the source has; seconds: time limit of a new parametrisation; maps "none" or "all";
+    colour_bits, normal_bits, tangent_bits: of what stands at corners, 0 for none."""
 
     options = tuple(DEFAULTS)
 
     def version(self):
         """The versions of all encoders, of open3d and of xatlas, and a hash of further files that results depend on."""
-        from tools.bench import everyday_rivals
-
         found = dict.fromkeys(image_codecs.versions(codec) for codec in image_codecs.CODECS)
-        code = source_hash(*(module.__file__ for module in (image_codecs, parametrise, everyday_rivals)))
+        code = source_hash(*(module.__file__ for module in (image_codecs, parametrise, draco_mesh)))
         return " ".join([*found, parametrise.versions(), code])
 
     def missing(self, options):
@@ -55,36 +62,36 @@ class Uv(Method):
     def warm_up(self, options, threads):
         """Loads the codec. LookupError, ValueError: as checked()."""
         options = checked(options)
-        kind = options["codec"], options["quality"], options["chroma"], threads
+        kind = options["codec"], options["quality"], options["chroma"].replace("best", "420"), threads
         image_codecs.dec_image(image_codecs.enc_image(np.zeros((32, 32, 3), np.uint8), *kind), options["codec"], 32, 32)
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes MESH, IMAGE, LAYOUT and HANDED. LookupError: nothing has a texture. ValueError: an option is out of range.
+        """Writes MESH, IMAGE and LAYOUT. LookupError: nothing has a texture. ValueError: an option is out of range.
         NoAtlas: there is no new parametrisation."""
-        from tools.bench.everyday_rivals import positions_alone, rival_of
-
         options = checked(options)
-        texels, seconds = parametrise.used_texels(scene), 0.0
+        if options["maps"] == "all":
+            scene = shown_in_light(scene)
+        bare = options["colour_bits"] and not any(m.texture >= 0 for m in scene.materials)
+        texels, seconds = 0 if bare else parametrise.used_texels(scene), 0.0
         if options["parametrisation"] != parametrise.SOURCE_UVS:
             with report.stage("parametrisation"):
                 side = max(round((options["size"] or parametrise.side_of(scene)) * options["scale"]), parametrise.LEAST_SIDE)
                 request = parametrise.Request(options["parametrisation"], side, options["seconds"])
                 scene, seconds = parametrise.reparametrised(scene, request, folder.parent, threads)
-        rival, cube = rival_of(scene), fit_cube(scene.positions, parametrise.POSITION_BITS)
+        rival, cube = rival_of(scene, with_maps=options["maps"] == "all"), fit_cube(scene.positions, parametrise.POSITION_BITS)
         with report.stage("mesh"):
             bits = uv_bits_of(rival, options)
-            meshes, handed, facts = enc_meshes(rival, bits)
+            meshes, facts = enc_meshes(rival, bits, options)
             positions = positions_alone(rival.lattice, rival.scene.faces)
         with report.stage("textures"):
             coded, sizes = enc_images(rival, options, threads)
-        if rival.is_coloured:
+        if rival.is_coloured and not options["colour_bits"]:
             report.warnings.append("vertex colours are handed through as they are and not counted")
         for number, data in enumerate(meshes):
             (folder / MESH.format(number)).write_bytes(data)
         for number, data in enumerate(coded):
             (folder / IMAGE.format(number, options["codec"])).write_bytes(data)
-        (folder / LAYOUT).write_text(json.dumps(facts | sizes | layout_of(rival, cube, options)), encoding="utf-8")
-        np.savez(folder / HANDED, **handed)
+        (folder / LAYOUT).write_bytes(pickle.dumps(facts | sizes | handed_through(rival, options, cube)))
         total, texture = sum(map(len, meshes)), sum(map(len, coded))
         with report.stage("reconstruction"):
             sha256 = self.values_sha256(decoded(folder))
@@ -98,19 +105,19 @@ class Uv(Method):
             return decoded(folder)
 
     def values_sha256(self, decoded):
-        """Over images, then positions and UVs of corners as little-endian float64."""
-        total = hashlib.sha256()
-        for texture in decoded.textures:
-            total.update(np.ascontiguousarray(texture.image))
-        for values in (decoded.positions[decoded.faces], decoded.corner_uv):
-            total.update(np.ascontiguousarray(values, "<f8"))
-        return total.hexdigest()
+        """Over images, then positions and UVs of corners."""
+        return hash_of(*(texture.image for texture in decoded.textures), decoded.positions[decoded.faces], decoded.corner_uv)
 
 
 def checked(options):
     """All options with their defaults. ValueError: one is out of range; LookupError: something is not installed."""
     options = DEFAULTS | options
-    image_codecs.check(options["codec"], options["quality"], options["chroma"])
+    image_codecs.check(options["codec"], options["quality"], options["chroma"].replace("best", "420"))
+    if options["maps"] not in ("none", "all"):
+        raise ValueError(f"maps must be none or all, not {options['maps']!r}")
+    for name, most in CORNER_BITS.items():
+        if type(options[name]) is not int or not 0 <= options[name] <= most:
+            raise ValueError(f"{name} must be a whole number from 0 to {most}, not {options[name]!r}")
     if options["parametrisation"] not in parametrise.PARAMETRISATIONS:
         raise ValueError(f"parametrisation must be one of {', '.join(parametrise.PARAMETRISATIONS)}, "
                          f"not {options['parametrisation']!r}")
@@ -126,11 +133,9 @@ def checked(options):
 
 def uv_bits_of(rival, options):
     """Bits of the longer side of a UV box."""
-    from tools.bench.everyday_rivals import uv_boxes
-
     if options["uv_bits"] != "auto":
         return options["uv_bits"]
-    large = max(max(image.shape[:2]) for image in rival.images.values()) > LARGE
+    large = max((max(image.shape[:2]) for image in rival.images.values()), default=0) > LARGE
     textured = np.unique(rival.scene.face_material[rival.textured])
     tiles = uv_boxes(rival)[1][textured].max(initial=1.0)
     return min((LARGE_UV_BITS if large else UV_BITS) + max(int(np.ceil(np.log2(tiles) - 1e-3)), 0), MOST_UV_BITS)
@@ -139,91 +144,140 @@ def uv_bits_of(rival, options):
 # Meshes.
 
 
-def enc_meshes(rival, bits):
-    """(Draco bytes by mesh, {"face_material", "corner_color"} in the order of their faces, facts for LAYOUT): one mesh per
-    material or one of all, whichever is smaller."""
-    from tools.bench.everyday_rivals import dec_mesh, enc_mesh, quantise_uv, uv_boxes
+def shown_in_light(scene):
+    """The Scene without maps that show nothing or one value alone, its maps upright. LookupError: a map has UVs of its own."""
+    from tools.bench.map_errors import needed_maps
 
-    uv, material, faces = quantise_uv(rival, bits), rival.scene.face_material, rival.scene.faces
+    scene = needed_maps(scene)
+    if scene.map_uv:
+        raise LookupError("maps with UVs of their own are not counted here")
+    return draco_mesh.upright(scene)
+
+
+def corner_parts(rival, bits, options):
+    """({name: what stands at corners, as enc_mesh() has it}, {name: bits}) of a Rival."""
+    scene, parts = rival.scene, {"uv": quantise_uv(rival, bits)}
+    if options["colour_bits"] and rival.is_coloured:
+        parts["colour"] = draco_mesh.quantise_colour(rival, options["colour_bits"])
+    if options["normal_bits"] and scene.corner_normal is not None:
+        parts["normal"] = draco_mesh.octahedral(scene.corner_normal, options["normal_bits"])
+        if options["tangent_bits"] and scene.corner_tangent is not None:
+            parts["tangent"] = draco_mesh.quantise_tangent(scene.corner_tangent, options["tangent_bits"])
+    return parts, {"uv": bits, "normal": options["normal_bits"]}
+
+
+def enc_meshes(rival, bits, options):
+    """(Draco bytes by mesh, what LAYOUT has of them, by corner in the order of their faces): one mesh per material or one of all,
+    whichever is smaller."""
+    material, faces = rival.scene.face_material, rival.scene.faces
+    parts, part_bits = corner_parts(rival, bits, options)
 
     def coded(chosen):
-        has_uv = rival.textured[chosen].any()
-        return enc_mesh(rival.lattice, faces[chosen], uv[chosen] if has_uv else None, bits, None), bits if has_uv else 0
+        mine = {name: part[chosen] for name, part in parts.items() if name != "uv" or rival.textured[chosen].any()}
+        return enc_mesh(rival.lattice, faces[chosen], mine, part_bits)
 
     apart = [np.flatnonzero(material == m) for m in np.unique(material)]
     ways = [[np.arange(len(faces))]] + ([apart] if len(apart) > 1 else [])
     made = [[coded(chosen) for chosen in way] for way in ways]
-    best = min(range(len(made)), key=lambda n: sum(len(data) for data, _ in made[n]))
+    best = min(range(len(made)), key=lambda n: sum(map(len, made[n])))
     order, turns = [], []
-    for chosen, (data, with_bits) in zip(ways[best], made[best], strict=True):
-        positions, found = dec_mesh(data, with_bits)
-        ours = np.concatenate([rival.lattice[faces[chosen]], uv[chosen]], axis=2)
-        face, turn = parametrise.matched(ours[..., : 5 if with_bits else 3],
-                                         positions if found is None else np.concatenate([positions, found], axis=2))
+    for chosen, data in zip(ways[best], made[best], strict=True):
+        back = dec_mesh(data)
+        ours = np.concatenate([rival.lattice[faces[chosen]], *([parts["uv"][chosen]] if "uv" in back else [])], axis=2)
+        face, turn = parametrise.matched(ours, np.concatenate([back[name] for name in ("vertex", "uv") if name in back], axis=2))
         order.append(chosen[face])
         turns.append(turn)
     order, turn = np.concatenate(order), np.concatenate(turns)
-    colour = np.zeros((0, 3, 4), np.float32)
-    if rival.is_coloured:
+    colour = None
+    if rival.is_coloured and "colour" not in parts:
         colour = rival.scene.corner_color[order[:, None], (np.arange(3) + turn[:, None]) % 3]
     low, side = uv_boxes(rival)
-    return ([data for data, _ in made[best]], {"face_material": material[order], "corner_color": colour},
-            {"mesh_uv_bits": [b for _, b in made[best]], "uv_low": low.tolist(), "uv_side": side.tolist()})
+    alpha = float(parts["colour"][0, 0, 3]) / ((1 << options["colour_bits"]) - 1) if "colour" in parts else 1.0
+    return made[best], {"meshes": len(made[best]), "uv_bits": bits, "uv_low": low, "uv_side": side, "colour_alpha": alpha,
+                        "face_material": material[order], "corner_color": colour}
 
 
-def dec_meshes(folder, layout, handed):
-    """(lattice int64 [V, 3], faces int64 [F, 3], corner UVs float64 [F, 3, 2]) of the files MESH."""
-    from tools.bench.everyday_rivals import dec_mesh
-
-    positions, shares = [], []
-    for number, bits in enumerate(layout["mesh_uv_bits"]):
-        corner, uv = dec_mesh((folder / MESH.format(number)).read_bytes(), bits)
-        positions.append(corner)
-        shares.append(np.zeros((len(corner), 3, 2)) if uv is None else uv / ((1 << bits) - 1))
-    lattice, index = np.unique(np.concatenate(positions).reshape(-1, 3), axis=0, return_inverse=True)
-    material = handed["face_material"]
-    low, side = (np.array(layout[name])[material] for name in ("uv_low", "uv_side"))
-    return lattice, index.reshape(-1, 3), low[:, None] + np.concatenate(shares) * side[:, None, None]
+def dec_meshes(folder, layout):
+    """(lattice int64 [V, 3], faces int64 [F, 3], {"corner_uv" and others of a Scene}) of the files MESH."""
+    meshes = [dec_mesh((folder / MESH.format(number)).read_bytes()) for number in range(layout["meshes"])]
+    corners = np.concatenate([mesh["vertex"] for mesh in meshes])
+    lattice, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    low, side = (layout[name][layout["face_material"]] for name in ("uv_low", "uv_side"))
+    share = np.concatenate([mesh.get("uv", np.zeros((len(mesh["vertex"]), 3, 2))) for mesh in meshes])
+    looks = {"corner_uv": low[:, None] + share / ((1 << layout["uv_bits"]) - 1) * side[:, None, None],
+             "corner_color": layout["corner_color"]}
+    if "colour" in meshes[0]:
+        colours = [np.full((len(mesh["vertex"]), 3, 4), layout["colour_alpha"], np.float32) for mesh in meshes]
+        for mesh, colour in zip(meshes, colours, strict=True):
+            colour[..., : mesh["colour"].shape[2]] = mesh["colour"] / ((1 << layout["colour_bits"]) - 1)
+        looks["corner_color"] = np.concatenate(colours)
+    if "normal" in meshes[0]:
+        looks["corner_normal"] = np.concatenate([mesh["normal"] for mesh in meshes]).astype(np.float32)
+    if "tangent" in meshes[0]:
+        tangent = np.concatenate([mesh["tangent"] for mesh in meshes])
+        looks["corner_tangent"] = draco_mesh.dequantise_tangent(tangent, layout["tangent_bits"])
+    return lattice, index.reshape(-1, 3), looks
 
 
 # Images.
 
 
 def enc_images(rival, options, threads):
-    """(bytes of each image, {"images": their [width, height]})."""
-    kind, out, sizes = (options["codec"], options["quality"], options["chroma"], threads), [], []
+    """(bytes of each image, {"images": their [width, height]}). Columns that nothing asks are flat; one alone is grey."""
+    out, sizes = [], []
     scale = options["scale"] if options["parametrisation"] == parametrise.SOURCE_UVS else 1
     for key, image in rival.images.items():
-        image = image if key in rival.with_alpha else np.ascontiguousarray(image[..., :3])
+        asked = sorted(rival.columns[key])
+        if rival.with_maps:
+            image = image.copy()
+            image[..., [c for c in range(3) if c not in asked]] = 0
+            if len(asked) == 1 and asked != [3]:
+                image[..., :3] = image[..., asked]
+        image = np.ascontiguousarray(image if 3 in asked else image[..., :3])
         if scale != 1:
-            size = [max(1, round(side * scale)) for side in image.shape[1::-1]]
-            image = np.asarray(Image.fromarray(image).resize(size, Image.Resampling.LANCZOS))
-        out.append(image_codecs.enc_image(image, *kind))
+            image = resized(image, [max(1, round(side * scale)) for side in image.shape[1::-1]], rival.with_maps)
+        out.append(_coded(image, asked, options, threads))
         sizes.append(image.shape[1::-1])
     return out, {"images": sizes}
 
 
-def layout_of(rival, cube, options):
-    """What else a file format would say, JSON-ready. cube: CanonicalCube of the lattice."""
+def resized(image, size, alpha_is_data):
+    """uint8 [H, W, 3 or 4] at a size (width, height). Alpha that may be data goes apart: Pillow weighs colours by it."""
+    parts = (slice(3), 3) if alpha_is_data and image.shape[2] == 4 else (slice(None),)
+    small = (Image.fromarray(np.ascontiguousarray(image[..., part])).resize(size, Image.Resampling.LANCZOS) for part in parts)
+    return np.dstack([np.asarray(part) for part in small])
+
+
+def _coded(image, asked, options, threads):
+    """Bytes of an image; with chroma "best" those of the subsampling that saves more than it loses."""
+    codec, quality, chroma = options["codec"], options["quality"], options["chroma"]
+    if chroma != "best":
+        return image_codecs.enc_image(image, codec, quality, chroma, threads)
+    ways = [image_codecs.enc_image(image, codec, quality, one, threads) for one in image_codecs.CHROMAS]
+    seen = [image_codecs.dec_image(data, codec, *image.shape[1::-1])[..., asked].astype(np.float32) for data in ways]
+    truth = image[..., [min(c, image.shape[2] - 1) for c in asked]]
+    costs = [len(data) * max(float(((one - truth) ** 2).mean()), 1e-3) ** WORTH for data, one in zip(ways, seen, strict=True)]
+    return ways[int(np.argmin(costs))]
+
+
+def handed_through(rival, options, cube):
+    """What else a file format would say. cube: CanonicalCube of the lattice."""
     numbers = {key: number for number, key in enumerate(rival.images)}
-    textures = [{"image": numbers.get(key, 0), "wrap": list(t.wrap), "name": t.name}
-                for key, t in zip(rival.content, rival.scene.textures, strict=True)]
-    materials = [{name: value for name, value in asdict(m).items() if name not in ("maps", "parameters", "normals")}
-                 | {"factor": m.factor.tolist()} for m in rival.scene.materials]
-    return {"codec": options["codec"], "textures": textures, "materials": materials, "cube": [cube.origin, cube.side]}
+    textures = [(numbers.get(key, 0), t.wrap, t.name) for key, t in zip(rival.content, rival.scene.textures, strict=True)]
+    bare = {"normals": Material().normals} | ({} if rival.with_maps else {"maps": {}, "parameters": {}})
+    return {"textures": textures, "materials": [replace(m, **bare) for m in rival.scene.materials], "cube": cube,
+            **{name: options[name] for name in ("codec", "colour_bits", "tangent_bits")}}
 
 
 def decoded(folder):
     """The Scene of a folder's files."""
-    layout = json.loads((folder / LAYOUT).read_text(encoding="utf-8"))
-    with np.load(folder / HANDED) as file:
-        handed = dict(file)
-    lattice, faces, corner_uv = dec_meshes(folder, layout, handed)
+    layout = pickle.loads((folder / LAYOUT).read_bytes())
+    lattice, faces, looks = dec_meshes(folder, layout)
     images = [image_codecs.dec_image((folder / IMAGE.format(number, layout["codec"])).read_bytes(), layout["codec"], *size)
               for number, size in enumerate(layout["images"])]
-    textures = [Texture(images[t["image"]], tuple(t["wrap"]), t["name"]) for t in layout["textures"]]
-    materials = [Material(**m | {"factor": np.array(m["factor"])}) for m in layout["materials"]]
-    origin, side = layout["cube"]
-    positions = CanonicalCube(tuple(origin), side, parametrise.POSITION_BITS).to_world(lattice)
-    colour = handed["corner_color"] if len(handed["corner_color"]) else None
-    return Scene(positions, faces, handed["face_material"], corner_uv, colour, materials, textures)
+    textures = [Texture(images[number], wrap, name) for number, wrap, name in layout["textures"]] if images else []
+    scene = Scene(layout["cube"].to_world(lattice), faces, layout["face_material"], looks.pop("corner_uv"),
+                  looks.pop("corner_color"), layout["materials"], textures)
+    for name, values in looks.items():
+        setattr(scene, name, values)
+    return scene

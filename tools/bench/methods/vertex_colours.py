@@ -1,7 +1,6 @@
-"""The rival that keeps colours at vertices: the mesh subdivided where its texture asks for it, and Draco with colours.
+"""The rival that keeps colours at vertices: the mesh subdivided, and Draco with colours.
 
-Edges are halved until none is longer than the asset's longest side / density; with detail above 0, only those of faces on which
-the texture is further than so many levels from what their corners' colours give. Neighbours share the new vertices, so that
+Edges are halved until none is longer than the asset's longest side / density. Neighbours share the new vertices, so that
 nothing cracks. A vertex gets the mean of the source around it, weighted by area and by how much of a point's colour it would
 give, which a few steps of a least-squares fit sharpen (8 dB on noise, 10 on a smooth ball, against the mean alone). Colours stay
 sRGB-coded, which suits few bits, and are made linear before they are interpolated, as glTF's are.
@@ -9,7 +8,6 @@ sRGB-coded, which suits few bits, and are made linear before they are interpolat
 What a user pays beside geometry is all that Draco needs more than for the positions of the mesh as it was, as one mesh.
 """
 
-import hashlib
 import struct
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -22,10 +20,10 @@ from texfcodec.options import EncodeOptions
 from texfcodec.scene.fetch import pack_source, sample_source
 from texfcodec.scene.scene import ALPHA_OPAQUE, Material, Scene
 from texfcodec.scene.srgb import srgb_to_linear
-from tools.bench.methods import Method, method, source_hash, versions_of
+from tools.bench.methods import Method, checked_options, draco_mesh, hash_of, method, source_hash, versions_of
 
-DEFAULTS = {"density": 256, "detail": 0.0, "colour_bits": 8, "position_bits": 14}
-RANGES = {"density": (1, 8192), "detail": (0.0, 255.0), "colour_bits": (1, 8), "position_bits": (8, 20)}
+DEFAULTS = {"density": 256, "colour_bits": 8, "position_bits": 14}
+RANGES = {"density": (1, 8192), "colour_bits": (1, 8), "position_bits": (8, 20)}
 MOST_FACES = 1 << 22
 MESH = "mesh.bin"
 HEAD, PART = struct.Struct("<4d3B"), struct.Struct("<BBfBI")  # cube, bits of both, parts; Look, alpha, bytes
@@ -42,9 +40,7 @@ class VertexColours(Method):
 
     def version(self):
         """The version of DracoPy, and a hash of the file that codes meshes."""
-        from tools.bench import everyday_rivals
-
-        return f"{versions_of('DracoPy')} {source_hash(everyday_rivals.__file__)}"
+        return f"{versions_of('DracoPy')} {source_hash(draco_mesh.__file__)}"
 
     def warm_up(self, options, threads):
         """Loads kernels and Draco."""
@@ -55,19 +51,17 @@ class VertexColours(Method):
 
     def encode(self, scene, options, folder, threads, report):
         """Writes MESH. ValueError: an option is out of range, or there would be more than MOST_FACES faces."""
-        from tools.bench.everyday_rivals import positions_alone
-
         asked = checked(options)
         with report.stage("subdivide"):
             surface = surface_of(scene, asked["position_bits"])
             made = painted(scene, surface, asked, threads)
         with report.stage("draco"):
-            data, plain = enc_parts(made), positions_alone(surface.lattice, surface.faces)
+            data, plain = enc_parts(made), draco_mesh.positions_alone(surface.lattice, surface.faces)
         (folder / MESH).write_bytes(data)
         return {"bytes": {"total": len(data), "geometry": plain, "colours": len(data) - plain}, **asked,
                 "faces": sum(len(faces) for _, _, faces, _ in made.parts), "source_faces": len(scene.faces),
                 "vertices": sum(len(lattice) for _, lattice, _, _ in made.parts),
-                "reconstruction_sha256": hash_of(made.scene())}
+                "reconstruction_sha256": self.values_sha256(dec_parts(data).scene())}
 
     def decode(self, folder, options, threads, report):
         """The Scene with vertex colours."""
@@ -75,19 +69,13 @@ class VertexColours(Method):
             return dec_parts((folder / MESH).read_bytes()).scene()
 
     def values_sha256(self, decoded):
-        """As the encoder's: of the faces with their colours, in whatever order."""
-        return hash_of(decoded)
+        """Over positions, faces and colours."""
+        return hash_of(decoded.positions, decoded.faces, decoded.corner_color)
 
 
 def checked(options):
     """All options. ValueError says which is out of range."""
-    asked = DEFAULTS | options
-    for name, (least, most) in RANGES.items():
-        kinds = (int, float) if isinstance(least, float) else (int,)
-        if type(asked[name]) not in kinds or not least <= asked[name] <= most:
-            kind = "number" if isinstance(least, float) else "whole number"
-            raise ValueError(f"{name} must be a {kind} from {least} to {most}, not {asked[name]!r}")
-    return asked
+    return checked_options(options, DEFAULTS, RANGES, {})
 
 
 def surface_of(scene, position_bits):
@@ -109,9 +97,8 @@ class Patchwork:
     bary: np.ndarray
 
 
-def subdivided(work, longest, wanted):
-    """The Patchwork with no edge longer than `longest` lattice steps but on faces that are not wanted. wanted: function of a
-    Patchwork and faces int64 [N] that says bool [N]. ValueError: there would be more than MOST_FACES faces."""
+def subdivided(work, longest):
+    """The Patchwork with no edge longer than `longest` lattice steps. ValueError: there would be more than MOST_FACES faces."""
     while True:
         ends = np.sort(np.stack([work.faces, np.roll(work.faces, -1, axis=1)], axis=2), axis=2)
         code = ends[..., 0] * len(work.positions) + ends[..., 1]
@@ -119,10 +106,6 @@ def subdivided(work, longest, wanted):
         number = number.reshape(-1, 3)
         a, b = np.divmod(edges, len(work.positions))
         split = ((work.positions[a] - work.positions[b]) ** 2).sum(axis=1) > longest * longest
-        faces = np.flatnonzero(split[number].any(axis=1))
-        asked = np.zeros(len(edges), bool)
-        asked[number[faces[wanted(work, faces)]].ravel()] = True
-        split &= asked
         if not split.any():
             return work
         if len(work.faces) + 2 * np.count_nonzero(split) > MOST_FACES:
@@ -193,22 +176,6 @@ def fitted_colours(source, work, threads):
     return np.clip(colour, 0, 255)
 
 
-def differs(source, detail, threads):
-    """Function for subdivided(): whether a face's colours are more than detail levels from what its corners' give."""
-
-    def wanted(work, faces):
-        out = np.empty(len(faces), bool)
-        for begin in range(0, len(faces), BLOCK):
-            mine = faces[begin : begin + BLOCK]
-            found = sampled(source, work, mine, threads)[..., :3]
-            corner = sample_source(source, np.repeat(work.origin[mine], 3), work.bary[mine].reshape(-1, 3), threads)
-            expected = np.einsum("sk,nkc->nsc", corner_weights(), corner.reshape(-1, 3, 4)[..., :3])
-            out[begin : begin + BLOCK] = ((found - expected) ** 2).mean(axis=(1, 2)) > detail * detail
-        return out
-
-    return wanted
-
-
 # Files.
 
 
@@ -255,8 +222,7 @@ def painted(scene, surface, asked, threads):
     source = pack_source(scene, surface.origin_face)
     work = Patchwork(surface.lattice.astype(np.float64), surface.faces, np.arange(len(surface.faces)),
                      np.tile(np.eye(3), (len(surface.faces), 1, 1)))
-    wanted = differs(source, asked["detail"], threads) if asked["detail"] else lambda _, faces: np.ones(len(faces), bool)
-    work = subdivided(work, surface.cube.last / asked["density"], wanted)
+    work = subdivided(work, surface.cube.last / asked["density"])
     look, looks = looks_of(scene, surface.material[work.origin])
     most = (1 << asked["colour_bits"]) - 1
     colour = np.rint(fitted_colours(source, work, threads) / 255 * most).astype(np.int64)
@@ -275,11 +241,9 @@ def painted(scene, surface, asked, threads):
 
 def enc_parts(made):
     """Bytes of a Painted: HEAD, and a PART with Draco's bytes for every look."""
-    from tools.bench.everyday_rivals import enc_mesh
-
     out = [HEAD.pack(*made.cube.origin, made.cube.side, made.cube.position_bits, made.bits, len(made.parts))]
     for look, lattice, faces, colour in made.parts:
-        data = enc_mesh(lattice, faces, None, 0, colour[faces])  # without alpha where it is constant
+        data = draco_mesh.enc_mesh(lattice, faces, {"colour": colour[faces]})  # without alpha where it is constant
         out += [PART.pack(*look, int(colour[0, 3]), len(data)), data]
     return b"".join(out)
 
@@ -299,13 +263,3 @@ def dec_parts(data):
         parts.append((Look(mode, bool(sides), cutoff), np.asarray(mesh.points).astype(np.int64),
                       np.asarray(mesh.faces).astype(np.int64), colour))
     return Painted(CanonicalCube(tuple(origin), side, position_bits), bits, parts)
-
-
-def hash_of(scene):
-    """SHA-256 over the faces of a Scene with their colours, in whatever order faces and corners stand."""
-    order = np.argsort(scene.faces, axis=1)  # positions of Painted.scene() are sorted
-    corners, colours = np.take_along_axis(scene.faces, order, 1), np.take_along_axis(scene.corner_color, order[..., None], 1)
-    rows = np.column_stack([scene.face_material, corners, colours.reshape(len(order), -1)])
-    total = hashlib.sha256(np.ascontiguousarray(scene.positions, "<f8"))
-    total.update(np.ascontiguousarray(rows[np.lexsort(rows.T)], "<f8"))
-    return total.hexdigest()

@@ -13,6 +13,7 @@ from texfcodec.encoder.write import write
 from texfcodec.options import EncodeOptions
 from texfcodec.scene.channels import COLOURS, join_planes
 from texfcodec.texf import Field
+from tools.bench.methods.draco_mesh import positions_alone
 from tools.bench.methods.texf import STREAM
 
 PREPARED = {"support": "voxels", "refine": "off", "effects": "none"}
@@ -32,8 +33,6 @@ def rgba_of(part):
 
 def write_mesh(prepared, folder, report):
     """Writes STREAM with the values 0; (bytes of its positions alone, as texf counts them, and all its other bytes)."""
-    from tools.bench.everyday_rivals import positions_alone
-
     empty = [part.with_planes({name: np.zeros_like(plane) for name, plane in part.planes.items()}) for part in prepared.fields]
     made = write(replace(prepared, fields=empty), report)
     (folder / STREAM).write_bytes(made.data)

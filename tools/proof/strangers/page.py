@@ -26,7 +26,7 @@ SEEN = Path(__file__).with_name("seen.json")  # {name: what somebody who looked 
 WORST, VERDICTS = 20, ("ok", "named", "not shown", "FAULT", "INTERNAL ERROR")
 HEAD = """# Strangers
 
-Made by `make strangers` (tools/proof/strangers) {made}; {older} of its rows are of an earlier state of the package.
+Made by `make -C tools strangers` (tools/proof/strangers) {made}; {older} of its rows are of an earlier state of the package.
 
 {models} models from {packages} packages of public registries, by name, version and hash; none of their files is in this
 repository. All were new to this project when they were added. Each is coded at r04 ({fast} of them, the larger ones, with

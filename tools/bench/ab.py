@@ -1,0 +1,336 @@
+"""Two checkouts side by side, in turns, because the speed of a machine wanders by more than what a change gains.
+
+    python tools/bench/ab.py pairs BEFORE AFTER ASSET.glb ... [--rate r03]     docs/reports/pairs.md
+    python tools/bench/ab.py costs BEFORE AFTER ASSET.glb ... [--rate r03]     docs/reports/costs.md
+    python tools/bench/ab.py compiled CHECKOUT ASSET.glb                       docs/reports/first_run.md
+    python tools/bench/ab.py speed BEFORE AFTER [--rounds 3] [--only EXPRESSION]
+
+BEFORE, AFTER, CHECKOUT: a folder (`git worktree add`), or a commit of this repository, which is checked out for the run. All are
+run by the Python that runs this.
+
+pairs: seconds, memory and bytes of texf-enc and of texf-dec to GLB, whole processes with compiled kernels. costs: where these
+seconds go, by function of the package: all threads are sampled every few milliseconds; what a kernel or a library takes counts
+for the function that called it; a thread that waits for another takes nothing. compiled: the kernels of a first run, with an
+empty cache, and the seconds of each without those that it calls. speed: tools/bench/test_speed.py of both, a round each in turn,
+compared by pytest-benchmark. --out keeps what was measured as JSON; without assets the page is made of it. --page writes it.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+WATCH = "--watch"  # the first word of a process that is watched; its package is that of PYTHONPATH
+if not __package__:  # called as a file
+    sys.path.pop(0)
+    if sys.argv[1:2] != [WATCH]:
+        sys.path.insert(0, str(REPOSITORY))
+
+SIDES = "before", "after"
+TOOLS = {"encode": "texfcodec.cli.enc", "save": "texfcodec.cli.dec"}
+STEP = 0.004  # seconds between two samples
+MOST_COSTS, MOST_KERNELS, SHORT = 10, 24, 0.005  # rows of a table; seconds of a kernel that was read from the cache
+PACKAGE = f"{os.sep}texfcodec{os.sep}"
+WAITS = {("threading.py", "wait"), ("threading.py", "_wait_for_tstate_lock"), ("threading.py", "join"), ("thread.py", "_worker"),
+         ("queue.py", "get"), ("interrupts.py", "_wait")}  # where a thread does nothing, by file and function
+SPEED = ("-m", "pytest", "-q", "tools/bench/test_speed.py", "-p", "no:cacheprovider", "--benchmark-only",
+         "--benchmark-timer=time.process_time")
+
+
+@contextmanager
+def checked_out(name, repository=REPOSITORY):
+    """The folder of a checkout, or one with a commit of the repository while the block runs."""
+    if Path(name).is_dir():
+        yield Path(name).resolve()
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder) / "checkout"
+        subprocess.run(["git", "-C", repository, "worktree", "add", "--quiet", "--detach", root, name], check=True)
+        try:
+            yield root
+        finally:
+            subprocess.run(["git", "-C", repository, "worktree", "remove", "--force", root], check=True)
+
+
+def timed(words, root, cache=None):
+    """{"wall", "processor" in seconds, "memory" in bytes} of a Python process with the package of a checkout; CalledProcessError:
+    it failed. cache: folder of compiled kernels."""
+    variables = os.environ | {"PYTHONPATH": str(root)} | ({"NUMBA_CACHE_DIR": str(cache)} if cache else {})
+    begin = time.monotonic()
+    process = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL, env=variables, cwd=root)
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, words)
+    return {"wall": time.monotonic() - begin, "processor": used.ru_utime + used.ru_stime, "memory": 1024 * used.ru_maxrss}
+
+
+def watched(kind, root, words, cache=None):
+    """What watch() says of a process."""
+    with tempfile.TemporaryDirectory() as folder:
+        answer = Path(folder) / "answer.json"
+        timed([__file__, WATCH, kind, str(answer), *words], root, cache)
+        return json.loads(answer.read_text(encoding="utf-8"))
+
+
+# In the process that is watched.
+
+
+def watch(kind, module, words):
+    """Runs a module of the command line; {"wall": seconds, and by name the seconds of functions ("costs") or kernels
+    ("compiled")}."""
+    import runpy
+
+    spent, over, samples = Counter(), threading.Event(), [0]
+
+    def sample():
+        while not over.wait(STEP):
+            samples[0] += 1
+            spent.update(filter(None, (place_of(frame) for thread, frame in sys._current_frames().items()
+                                       if thread != threading.get_ident())))
+
+    sampler = threading.Thread(target=sample, daemon=True)
+    sys.argv, begin = [module, *words], time.perf_counter()
+    sampler.start() if kind == "costs" else count_compiled(spent)
+    try:
+        runpy.run_module(module, run_name="__main__")
+    except SystemExit as end:
+        if end.code:
+            raise
+    over.set()
+    wall = time.perf_counter() - begin
+    factor = wall / max(samples[0], 1) if kind == "costs" else 1
+    return {"wall": wall, kind: {name: seconds * factor for name, seconds in spent.items()}}
+
+
+def place_of(frame):
+    """The innermost function of the package that a thread is in, as "room.file.function"; "imports" while it imports, None where
+    it waits or is not in the package."""
+    if (os.path.basename(frame.f_code.co_filename), frame.f_code.co_name) in WAITS:
+        return None
+    while frame is not None:
+        file = frame.f_code.co_filename
+        if "importlib._bootstrap" in file:
+            return "imports"
+        if PACKAGE in file:
+            return f"{os.path.splitext(file.rpartition(PACKAGE)[2])[0].replace(os.sep, '.')}.{frame.f_code.co_name}"
+        frame = frame.f_back
+    return None
+
+
+def count_compiled(spent):
+    """From now on the seconds of every kernel that Numba compiles are added to a Counter, without those of kernels within."""
+    from numba.core import compiler
+
+    inner, usual = [0.0], compiler.compile_extra
+
+    def compile_extra(typingctx, targetctx, func, *arguments, **options):
+        begin = time.perf_counter()
+        inner.append(0.0)
+        try:
+            return usual(typingctx, targetctx, func, *arguments, **options)
+        finally:
+            seconds = time.perf_counter() - begin
+            spent[f"{func.__module__}.{func.__name__}"] += seconds - inner.pop()
+            inner[-1] += seconds
+
+    compiler.compile_extra = compile_extra
+
+
+# What is measured.
+
+
+def words_of(asset, stream, mesh, rate):
+    """{"encode", "save": words of the command line}."""
+    return {"encode": [str(asset), str(stream), "--rate", rate], "save": [str(stream), str(mesh), "--overwrite"]}
+
+
+def measure(kind, roots, asset, rate):
+    """{"encode", "save": {side: timed(), with "bytes" and "sha256" of what was written, or watched()}} of an asset. Both sides
+    save the stream of the second."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        files = {"encode": Path(folder) / "out.texf", "save": Path(folder) / "out.glb"}
+        for what, words in words_of(asset, *files.values(), rate).items():
+            found[what] = {}
+            for side, root in zip(SIDES, roots, strict=True):
+                if kind == "costs":
+                    found[what][side] = watched(kind, root, [TOOLS[what], *words])
+                else:
+                    found[what][side] = timed(["-m", TOOLS[what], *words], root) | _content(files[what])
+    return found
+
+
+def _content(path):
+    return {"bytes": path.stat().st_size, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+
+
+def first_runs(root, asset):
+    """{"texf-enc", "texf-dec": watched(), with the number of "files" in a cache that was empty}; one thread and one process each,
+    so that all is seen; usually two processes share the work."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        words = words_of(asset, Path(folder) / "out.texf", Path(folder) / "out.glb", "r04")
+        words["save"] += ["--engine", "numba"]
+        for tool, what in (("texf-enc", "encode"), ("texf-dec", "save")):
+            cache = Path(folder) / tool
+            found[tool] = watched("compiled", root, [TOOLS[what], *words[what], "--threads", "1", "--quiet"], cache)
+            found[tool]["files"] = sum(1 for _ in cache.rglob("*.nbc"))
+    return found
+
+
+def speed(roots, rounds, only):
+    """Runs both sides' benchmarks in turns, kept by pytest-benchmark; prints its comparison. The first round compiles and does
+    not count."""
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(rounds + 1):
+            for side, root in zip(SIDES, roots, strict=True):
+                store = [f"--benchmark-storage={folder}", f"--benchmark-save={side}"] if number else []
+                subprocess.run([sys.executable, *SPEED, *store, *(["-k", only] if only else [])], cwd=root, check=True,
+                               env=os.environ | {"PYTHONPATH": str(root)}, stdout=sys.stderr)
+        subprocess.run([sys.executable, "-m", "pytest_benchmark", f"--storage={folder}", "compare", "--group-by=name",
+                        "--sort=name", "--columns=min,median,rounds"], check=True)
+
+
+# Pages.
+
+
+def page_of(kind, found):
+    """The page of {"commits": of the sides, "machine", "rate", "rows": {asset: measured}}, Markdown."""
+    from tools.bench.result_tables import wrapped
+
+    lines = {"pairs": pairs_lines, "costs": costs_lines, "compiled": compiled_lines}[kind](found)
+    return "\n".join(wrapped(lines)).rstrip() + "\n"
+
+
+def _made(kind, found):
+    commits = " before, ".join(found["commits"]) + (" after" if len(found["commits"]) > 1 else "")
+    return f"Made by `tools/bench/ab.py {kind}` on {found['machine']}: commit {commits}"
+
+
+def pairs_lines(found):
+    """Seconds, memory and bytes, an asset a line."""
+    from tools.bench.result_tables import markdown_table
+
+    table, ratios = [], {}
+    for name, row in found["rows"].items():
+        cells = []
+        for what in TOOLS:
+            before, after = (row[what][side] for side in SIDES)
+            for clock in ("wall", "processor"):
+                ratios.setdefault((what, clock), []).append(after[clock] / before[clock])
+                cells.append(f"{before[clock]:.1f}, {after[clock]:.1f}")
+            cells.append("the same" if before["sha256"] == after["sha256"] else f"{after['bytes'] - before['bytes']:+,} bytes")
+        last = row["encode"]["after"]
+        table.append([name, f"{last['bytes']:,}", last["sha256"][:12], *cells, f"{last['processor'] / last['wall']:.2f}",
+                      f"{last['memory'] / (1 << 20):,.0f}"])
+    middle = {key: f"{100 * statistics.median(values):.0f} %" for key, values in ratios.items()}
+    return ["# Two states side by side", "", f"{_made('pairs', found)}; rate {found['rate']}, whole processes with compiled "
+            "kernels, each asset by both in turn. Seconds are before, after; both save the same stream as GLB. Cores: processor "
+            "seconds over those by the wall clock, of the encode after.", "",
+            f"In the median an encode takes {middle['encode', 'wall']} of the time by the wall clock and "
+            f"{middle['encode', 'processor']} of the processor's, a decode to GLB {middle['save', 'wall']} and "
+            f"{middle['save', 'processor']}.", "",
+            *markdown_table(["asset", "stream, bytes", "SHA-256", "encode, wall s", "processor s", "stream", "to GLB, wall s",
+                             "processor s", "GLB", "cores", "MB, encode"], table)]
+
+
+def costs_lines(found):
+    """The largest costs of either side, a table an asset and tool."""
+    from tools.bench.result_tables import markdown_table
+
+    lines = ["# Where the seconds go", "", f"{_made('costs', found)}; rate {found['rate']}, compiled kernels, one run each. "
+             "Seconds of all threads together; what a kernel or a library takes counts for the function that called it. The "
+             f"{MOST_COSTS} largest costs of either side.", ""]
+    for what, title in (("encode", "texf-enc"), ("save", "texf-dec to GLB")):
+        lines += [f"## {title}", ""]
+        for name, row in found["rows"].items():
+            sides = [row[what][side] for side in SIDES]
+            largest = dict.fromkeys(one for side in sides[::-1] for one, _ in Counter(side["costs"]).most_common(MOST_COSTS))
+            table = [[f"`{one}`", *(f"{side['costs'].get(one, 0.0):.2f}" for side in sides)] for one in largest]
+            table += [["all", *(f"{sum(side['costs'].values()):.1f}" for side in sides)],
+                      ["by the wall clock", *(f"{side['wall']:.1f}" for side in sides)]]
+            lines += [*markdown_table([name, "s before", "s after"], table), ""]
+    return lines
+
+
+def compiled_lines(found):
+    """What a first run compiles: in all, by room, and the longest."""
+    from tools.bench.result_tables import markdown_table
+
+    (asset, row), = found["rows"].items()
+    kernels = {tool: Counter({n.removeprefix("texfcodec."): s for n, s in one["compiled"].items()}) for tool, one in row.items()}
+    rooms = {tool: Counter() for tool in kernels}
+    for tool, own in kernels.items():
+        for name, seconds in own.items():
+            rooms[tool][".".join(name.split(".")[:2 if name.startswith("numba") else -2]) or name] += seconds
+    lines = ["# What a first run compiles", "", f"{_made('compiled', found)}, with {asset}: one process of one thread with an "
+             "empty cache. Seconds are each kernel's own, without the kernels that it calls. Usually a second process shares the "
+             "work, and a first decode without a GLB goes through the WebAssembly decoder, which compiles no kernels.", "",
+             *markdown_table(["tool", "seconds in all", "compiling", "kernels", "files in the cache"],
+                             [[tool, f"{one['wall']:.1f}", f"{sum(kernels[tool].values()):.1f}", len(kernels[tool]), one["files"]]
+                              for tool, one in row.items()])]
+    for title, head, tables, most in (("By room", "kernels of", rooms, None), ("The longest", "kernel", kernels, MOST_KERNELS)):
+        names = sorted(set().union(*tables.values()), key=lambda n: -max(table[n] for table in tables.values()))
+        lines += ["", f"## {title}", "",
+                  *markdown_table([head, *tables], [[n, *(f"{t[n]:.2f}" if t[n] > SHORT else "" for t in tables.values())]
+                                                    for n in names[:most] if max(t[n] for t in tables.values()) > SHORT])]
+    return lines
+
+
+def run(args):
+    """Measures what the command line asks for and prints its page."""
+    from tools.bench.provenance import machine, state_of
+
+    sides = 1 if args.kind == "compiled" else 2
+    names, assets = args.words[:sides], [Path(word).resolve() for word in args.words[sides:]]
+    if args.kind == "speed" or assets:
+        with ExitStack() as stack:
+            roots = [stack.enter_context(checked_out(name)) for name in names]
+            if args.kind == "speed":
+                return speed(roots, args.rounds, args.only)
+            found = {"commits": [state_of(root) for root in roots], "rate": args.rate, "machine": machine(), "rows": {}}
+            args.out.parent.mkdir(parents=True, exist_ok=True)
+            if args.kind == "pairs":  # kernels are compiled before anything counts
+                measure(args.kind, roots, assets[0], args.rate)
+            for asset in assets:
+                found["rows"][asset.stem] = (first_runs(roots[0], asset) if args.kind == "compiled"
+                                             else measure(args.kind, roots, asset, args.rate))
+                args.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    text = page_of(args.kind, json.loads(args.out.read_text(encoding="utf-8")))
+    if args.page:
+        args.page.write_text(text, encoding="utf-8")
+    print(text)
+    return None
+
+
+def main(arguments=None):
+    """Command line of the tool."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kind", choices=("pairs", "costs", "compiled", "speed"))
+    parser.add_argument("words", nargs="*", metavar="CHECKOUT ... ASSET", help="the checkouts, then assets")
+    parser.add_argument("--rate", default="r03")
+    parser.add_argument("--rounds", type=int, default=3, metavar="N", help="of speed; one more compiles first")
+    parser.add_argument("--only", metavar="EXPRESSION", help="benchmarks of speed, as pytest -k takes them")
+    parser.add_argument("--out", type=Path, metavar="FILE.json", help="default: out/KIND.json")
+    parser.add_argument("--page", type=Path, metavar="FILE.md")
+    args = parser.parse_args(arguments)
+    args.out = args.out or Path(f"out/{args.kind}.json")
+    run(args)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == [WATCH]:
+        Path(sys.argv[3]).write_text(json.dumps(watch(sys.argv[2], sys.argv[4], sys.argv[5:])), encoding="utf-8")
+    else:
+        main()

@@ -45,9 +45,10 @@ site: install
 	$(PY) -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
 	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
 
-# What the page of texf-view has of the npm package
+# The page of texf-view as one script, of texfcodec/viewer/app, js/src and three.js; needs node, and npm's index
 web:
-	cp $(foreach part,engine supports glsl_voxels glsl_neural,js/src/$(part).js) texfcodec/viewer/web/
+	npm --prefix js install --silent --no-audit --no-fund
+	node texfcodec/viewer/app/bundle.mjs
 
 # Every tool, interrupted (or killed) at random moments of its run: make interrupts [MOMENTS=300] [JOBS=n] [KILL=1]
 interrupts: install

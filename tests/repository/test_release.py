@@ -134,7 +134,7 @@ def tracked_files():
 
 
 def test_a_wheel_holds_the_package_and_nothing_else():
-    tracked = ["texfcodec/__init__.py", "texfcodec/viewer/web/main.js", "tests/test_x.py", "conformance/subset/k33/in.texf"]
+    tracked = ["texfcodec/__init__.py", "texfcodec/viewer/web/viewer.js", "tests/test_x.py", "conformance/subset/k33/in.texf"]
     right = tracked[:2] + [f"texfcodec-1.dist-info/{name}" for name in DESCRIPTION]
     assert faults_of_contents(right, tracked) == []
     wrong = ["tests/test_x.py", "texfcodec/__pycache__/x.pyc", "texfcodec/_x.so", "texfcodec-1.data/scripts/x"]

@@ -167,9 +167,10 @@ class Page:
         return self.run("document.querySelector('#message:not([hidden]) span')?.textContent ?? ''")
 
     def pixels(self):
-        """What is on the canvas, uint8 [H, W, 3]."""
-        text = self.run("document.getElementById('view').toDataURL()")
-        return np.asarray(Image.open(io.BytesIO(base64.b64decode(text.partition(",")[2]))).convert("RGB"))
+        """What is on the canvas, over white: uint8 [H, W, 3]."""
+        text = self.run("(viewer.draw(1), viewer.canvas.toDataURL())")
+        drawn = Image.open(io.BytesIO(base64.b64decode(text.partition(",")[2]))).convert("RGBA")
+        return np.asarray(Image.alpha_composite(Image.new("RGBA", drawn.size, "white"), drawn).convert("RGB"))
 
     def screenshot(self):
         """What is in the window, PNG."""

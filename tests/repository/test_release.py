@@ -163,10 +163,11 @@ def test_the_newest_wheel_at_hand_is_right():
         assert faults_of_contents(archive.namelist(), tracked_files()) == []
 
 
-def test_parts_of_the_module_have_the_versions_that_it_is_made_with():
+def test_parts_that_are_compiled_or_bundled_have_the_versions_that_they_are_made_with():
     made = dict(re.findall(r"^(VERSION|ZIG_VERSION) \?= (\S+)$", text_of("native/Makefile"), re.M))
-    draco, zig = parts_list.PARTS_OF_WASM
+    draco, zig, three = parts_list.PARTS_BUNDLED
     assert f"DracoPy {made['VERSION']} " in draco["description"] and zig["version"] == made["ZIG_VERSION"]
+    assert three["version"] == json.loads(text_of("js/package.json"))["devDependencies"]["three"]
 
 
 def test_what_is_tried_is_there(tmp_path):

@@ -102,7 +102,7 @@ class Page:
         """Goes to an address and waits until the viewer's picture stands in full."""
         self.call("Page.navigate", url=address)
         canvas = "#view:not([aria-busy])"
-        ready = f"document.querySelector('{canvas}')?.viewer || document.querySelector('{canvas} ~ #message')"
+        ready = f"document.querySelector('{canvas}')?.viewer || document.querySelector('{canvas} ~ #message:not([hidden])')"
         self.until(f"location.href !== 'about:blank' && Boolean({ready})", seconds)
         self.settle()
 

@@ -255,12 +255,12 @@ def test_every_layer_of_the_list_is_drawn(show):
 
 
 def test_a_layer_shows_what_is_coded(show):
-    page = show(mesh(mapped_sheet({"roughness": np.full((4, 4, 4), 90, np.uint8)}, np.full((4, 4, 4), 200, np.uint8))))
+    base, rough = (np.full((4, 4, 4), (level, level, level, 255), np.uint8) for level in (200, 90))
+    page = show(mesh(mapped_sheet({"roughness": rough}, base)))
     for layer, level in (("base_colour", 200), ("roughness", 90)):
         page.run(f"viewer.change({{layer: '{layer}'}})")
         page.settle()
-        shown = page.pixels()
-        assert np.abs(shown[(shown != 255).any(axis=2)].astype(int) - level).max() <= 1, layer
+        assert np.abs(page.pixels()[100:300, 220:420].astype(int) - level).max() <= 1, layer
 
 
 def test_what_is_lit_is_in_light_at_first_and_effects_are_switched_one_by_one(show):
@@ -370,6 +370,7 @@ def test_a_browser_without_webgl2_is_told_so(show, browser):
     number = browser.call("Page.addScriptToEvaluateOnNewDocument", source=script)["identifier"]
     try:
         assert "no WebGL2" in show("stream").message()
+        browser.errors[:] = [error for error in browser.errors if "Error creating WebGL context" not in error]
     finally:
         browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=number)
 

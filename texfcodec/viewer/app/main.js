@@ -7,8 +7,8 @@ import {Viewer} from './viewer.js';
 async function start() {
   const canvas = document.getElementById('view'), source = await Source.open(), {assets} = source.about;
   const names = assets.map(({name}) => name).join(' and ');
-  canvas.setAttribute('aria-busy', 'true');
   const viewer = new Viewer(canvas, source);
+  canvas.setAttribute('aria-busy', 'true');
   if (names) say(`${names}: loading …`);
   try {
     const shown = await Promise.all(assets.map((facts, n) => source.held(n).then((data) => source.load(data, facts))));
@@ -20,4 +20,4 @@ async function start() {
   canvas.removeAttribute('aria-busy');
 }
 
-start().catch((error) => say(`The page cannot be shown: ${error.message ?? error}`));
+start().catch((error) => say(`The page cannot be shown. ${error.message ?? error}`));

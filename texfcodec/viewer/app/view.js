@@ -4,7 +4,7 @@ import {Box3, MathUtils, OrthographicCamera, PerspectiveCamera, Spherical, Vecto
 import {OrbitControls} from 'three/addons/controls/OrbitControls.js';
 
 export const VIEWS = [[0, 0, 1], [0, 0, -1], [-1, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0]]; // front, back, left, right, top, bottom
-const MARGIN = 1.06, AWAY = 4, FOV = 40; // AWAY: of a camera without perspective
+const MARGIN = 1.06, NEAREST = 0.01, AWAY = 4, FOV = 40; // AWAY: of a camera without perspective
 const {degToRad, radToDeg} = MathUtils;
 
 export class View {
@@ -115,12 +115,12 @@ export class View {
     const box = new Box3();
     each((xyz) => box.expandByPoint(new Vector3(...xyz)));
     const middle = box.isEmpty() ? new Vector3() : box.getCenter(new Vector3()), [wide, high] = box.getSize(new Vector3()).toArray();
-    let distance = Math.max(high, wide / aspect) / 2;
+    let distance = this.isDeep ? NEAREST : MARGIN * Math.max(high, wide / aspect) / 2;
     if (this.isDeep) each(([x, y, z]) => {
-      distance = Math.max(distance, z - middle.z + Math.max(Math.abs(y - middle.y), Math.abs(x - middle.x) / aspect) / slope);
+      distance = Math.max(distance, z - middle.z + NEAREST + MARGIN * Math.max(Math.abs(y - middle.y), Math.abs(x - middle.x) / aspect) / slope);
     });
     this.controls.target.set(0, 0, 0).addScaledVector(axes[0], middle.x).addScaledVector(axes[1], middle.y).addScaledVector(axes[2], middle.z);
-    this.set({azimuth, elevation, distance: distance > 0 ? MARGIN * distance : 1});
+    this.set({azimuth, elevation, distance: distance > 0 ? distance : 1});
     this.fitted = this.place;
   }
 

@@ -19,8 +19,8 @@ export class Viewer {
       mode: start?.mode ?? 'single', layer: start?.layer ?? 'picture', lit: start?.shaded ?? true, without: new Set(), slider: 0.5, hottest: HOTTEST,
       background: start?.background ?? BACKGROUNDS.Grey,
     };
-    canvas.viewer = this; // for a browser's console, and for tests
     this.stage = stageOf(canvas, source.about.light);
+    canvas.viewer = this; // for a browser's console, and for tests
     this.view = new View(canvas, () => this.touch());
     this.line = lineOf(this);
     this.names = [0, 1].map(() => element('span'));
@@ -64,7 +64,6 @@ export class Viewer {
     } catch (error) {
       say(`${asset.name} cannot be shown. ${error.message}`);
     }
-    if (slot === 1 && this.look.mode === 'single' && this.assets.length > 1) this.look.mode = 'split';
     document.title = [...this.assets.map(({name}) => name), 'texf-view'].join(' · ');
     this.canvas.setAttribute('aria-label', `Picture of ${this.assets.map(({name}) => name).join(' and ') || 'nothing'}. Arrows turn it, H lists all keys.`);
     this.panel.rebuild();
@@ -79,6 +78,7 @@ export class Viewer {
       const asset = await this.source.open(file);
       say(asset.warnings.join('. '));
       this.show(asset, this.assets.length ? slot : 0);
+      if (slot === 1 && this.look.mode === 'single') this.switchMode('split');
     } catch (error) {
       say(error.message);
     }

@@ -45,9 +45,10 @@ site: install  # The documentation as a site, in out/site
 	$(PY) -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
 	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
 
-# What the page of texf-view has of the npm package
-web:  # Copies of js/src for the page of texf-view
-	cp $(foreach part,engine supports glsl_voxels glsl_neural,js/src/$(part).js) texfcodec/viewer/web/
+# The page of texf-view as one script, of texfcodec/viewer/app, js/src and three.js; needs node, and npm's index
+web:  # The page of texf-view, bundled with js/src and three.js
+	npm --prefix js install --silent --no-audit --no-fund
+	node texfcodec/viewer/app/bundle.mjs
 
 # Kept in pytest-benchmark's own storage and compared with the run before: make bench [ONLY=expression] [OUT=folder]. Then
 # .venv/bin/pytest-benchmark --storage out/benchmarks compare; against a commit in turns: python tools/bench/ab.py speed COMMIT .

@@ -102,7 +102,7 @@ class Page:
         """Goes to an address and waits until the viewer's picture stands in full."""
         self.call("Page.navigate", url=address)
         canvas = "#view:not([aria-busy])"
-        ready = f"document.querySelector('{canvas}')?.viewer || document.querySelector('{canvas} ~ #message')"
+        ready = f"document.querySelector('{canvas}')?.viewer || document.querySelector('{canvas} ~ #message:not([hidden])')"
         self.until(f"location.href !== 'about:blank' && Boolean({ready})", seconds)
         self.settle()
 
@@ -167,9 +167,10 @@ class Page:
         return self.run("document.querySelector('#message:not([hidden]) span')?.textContent ?? ''")
 
     def pixels(self):
-        """What is on the canvas, uint8 [H, W, 3]."""
-        text = self.run("document.getElementById('view').toDataURL()")
-        return np.asarray(Image.open(io.BytesIO(base64.b64decode(text.partition(",")[2]))).convert("RGB"))
+        """What is on the canvas, over white: uint8 [H, W, 3]."""
+        text = self.run("(viewer.draw(1), viewer.canvas.toDataURL())")
+        drawn = Image.open(io.BytesIO(base64.b64decode(text.partition(",")[2]))).convert("RGBA")
+        return np.asarray(Image.alpha_composite(Image.new("RGBA", drawn.size, "white"), drawn).convert("RGB"))
 
     def screenshot(self):
         """What is in the window, PNG."""

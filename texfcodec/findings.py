@@ -319,10 +319,5 @@ FINDINGS = (
     Finding("TXF-C07", SupportError, (), "the process that encoded an asset of a batch ended without a result",
             "encode the asset alone, and report the output"),
     Finding("TXF-C08", InputError, (), "the page cannot be served at this port", "omit --port to use any free port"),
-    Finding("TXF-C09", SupportError, (), "no Chromium-based browser was found",
-            "install Chromium, or set TEXF_BROWSER to a Chromium-based browser"),
-    Finding("TXF-C10", SupportError, (), "the browser ended or timed out before the page finished",
-            "close other programs and try again, or set TEXF_BROWSER to another browser"),
-    Finding("TXF-C11", SupportError, (), "the page in the browser cannot do this", "follow the message, or use another browser"),
 )
 BY_CODE = {finding.code: finding for finding in FINDINGS}

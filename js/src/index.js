@@ -28,15 +28,17 @@ const IN_NODE = typeof process !== 'undefined' && Boolean(process.versions?.node
 /** A pool of workers; a page needs one. */
 export class Decoder {
   /**
-   * @param {{workers?: number, wasm?: string|URL|ArrayBuffer|Uint8Array|null, splitBytes?: number}} options wasm: where the module is,
-   *   or its bytes; splitBytes: with so many bytes of attributes in several units a stream is decoded by all workers that are idle
+   * @param {{workers?: number, wasm?: string|URL|ArrayBuffer|Uint8Array|null, worker?: string|URL|null, splitBytes?: number}} options
+   *   wasm: where the module is, or its bytes; worker: where the worker's script is, as one classic script, where a page has bundled it;
+   *   splitBytes: with so many bytes of attributes in several units a stream is decoded by all workers that are idle
    */
-  constructor({workers = Math.min(4, globalThis.navigator?.hardwareConcurrency ?? 2), wasm = null, splitBytes = 65536} = {}) {
+  constructor({workers = Math.min(4, globalThis.navigator?.hardwareConcurrency ?? 2), wasm = null, worker = null, splitBytes = 65536} = {}) {
     this.limit = Math.max(1, workers);
     this.splitBytes = splitBytes;
     /** Jobs that are not finished, those that wait among them. */
     this.jobs = 0;
     this.wasm = wasm;
+    this.worker = worker;
     /** @type {Promise<WebAssembly.Module>|null} */
     this.module = null;
     /** @type {PoolWorker[]} */
@@ -114,7 +116,7 @@ export class Decoder {
       this.waiting.shift()?.(); // the turn may have been this one's
       throw abortedBy(signal);
     }
-    const worker = this.idle.pop() ?? new PoolWorker(), stop = () => worker.fail(abortedBy(signal));
+    const worker = this.idle.pop() ?? new PoolWorker(this.worker), stop = () => worker.fail(abortedBy(signal));
     this.busy.add(worker);
     signal.addEventListener('abort', stop, {once: true});
     try {
@@ -163,7 +165,9 @@ function unlessAborted(promise, signal) {
 
 /** A worker with at most one job. */
 class PoolWorker {
-  constructor() {
+  /** @param {string|URL|null} place of its script, null for the module */
+  constructor(place) {
+    this.place = place;
     this.alive = true;
     this.count = 0;
     /** @type {any} */
@@ -183,7 +187,7 @@ class PoolWorker {
       this.worker.on('message', (/** @type {any} */ answer) => this.answered(answer));
       this.worker.on('error', (/** @type {Error} */ error) => this.fail(new TexfError('internal', error.message)));
     } else {
-      this.worker = new Worker(new URL('./worker.js', import.meta.url), {type: 'module'});
+      this.worker = this.place ? new Worker(this.place) : new Worker(new URL('./worker.js', import.meta.url), {type: 'module'});
       this.worker.onmessage = (/** @type {MessageEvent} */ event) => this.answered(event.data);
       this.worker.onerror = (/** @type {ErrorEvent} */ event) => this.fail(new TexfError('internal', event.message || 'the worker does not start'));
     }

@@ -1,4 +1,4 @@
-// Where values live, as the GPU looks it up: bricks of voxels in a hash table, with all coarser levels; texels with theirs.
+// Where values live, as the GPU looks it up: bricks of voxels in a hash table, with all coarser levels.
 //
 // A level's values are the plain means of the values of the level where a plane begins, as render/levels.py has them, rounded.
 
@@ -7,7 +7,7 @@
 /** @typedef {{first: number, levels: Level[], parents: Uint32Array[]}} Tree */
 
 const WORDS = 16;
-export const HASH_FACTOR = 2654435769;
+const HASH_FACTOR = 2654435769;
 
 /** Ascending Morton keys as bricks of 8 x 8 x 8: key >> 9 of each, and 512 bits of which of its voxels are there.
  * @param {BigUint64Array} keys @returns {Bricks} */
@@ -66,18 +66,6 @@ function coarser({ bricks, words, base, count }) {
     }
   }
   return { level: levelOf(keys.slice(0, many), above.slice(0, many * WORDS), base + count), parents };
-}
-
-/** The bricks of the level above a field's own, and a function of values [count * components] to what stands there of them:
- * means, and of how many voxels each is one.
- * @param {Bricks} bricks */
-export function coarserValues({ bricks, words }) {
-  const own = levelOf(bricks, words, 0), { level, parents } = coarser(own);
-  const means = (/** @type {Uint8Array} */ values) => {
-    const components = values.length / own.count, [sums, weights] = summedUp(values, null, parents, level.count, components, true);
-    return { values: Uint8Array.from(sums, (sum, i) => Math.round(sum / weights[Math.floor(i / components)])), counts: Uint8Array.from(weights) };
-  };
-  return { bricks: { bricks: level.bricks, words: level.words }, means };
 }
 
 /** All levels from `first` to the last of a field over voxels, and the parents of each one's voxels.
@@ -151,57 +139,10 @@ function summedUp(sums, weights, parents, count, components, areMeans) {
   return [above, heavier];
 }
 
-/** x, y, z of every voxel of a level, Uint16Array [count * 3].
- * @param {Level} level */
-export function voxelsOf({ bricks, words, count }) {
-  const out = new Uint16Array(count * 3);
-  let n = 0;
-  for (let i = 0; i < words.length; i++) {
-    const key = bricks[i >> 4];
-    for (let bits = words[i]; bits !== 0; bits &= bits - 1) {
-      const place = ((i & 15) << 5) | (31 - Math.clz32(bits & -bits));
-      for (let axis = 0; axis < 3; axis++) out[n++] = (compact(key >>> axis) << 3) | compact(place >> axis);
-    }
-  }
-  return out;
-}
-
 /** Every third bit, the lowest first.
  * @param {number} key */
 function compact(key) {
   let out = 0;
   for (let bit = 0; bit < 11; bit++) out |= ((key >>> (3 * bit)) & 1) << bit;
   return out;
-}
-
-/** Levels of an image over texels: [{ width, height, values, mask }], masks of 255 where a texel is asked.
- * @param {{values: Uint8Array, mask: Uint8Array|null}} image @param {[number, number]} size @param {number} components */
-export function imageLevels({ values, mask }, [width, height], components) {
-  const asked = new Uint8Array(width * height);
-  for (let i = 0; i < asked.length; i++) asked[i] = mask === null || ((mask[i >> 3] >> (i & 7)) & 1) ? 255 : 0;
-  const levels = [{ width, height, values, mask: asked }];
-  let sums = Float32Array.from(values), counts = Float32Array.from(asked, (a) => a / 255);
-  while (width > 1 || height > 1) {
-    const above = halved(sums, counts, width, height, components);
-    ({ sums, counts, width, height } = above);
-    const means = new Uint8Array(sums.length);
-    for (let i = 0; i < means.length; i++) means[i] = Math.round(sums[i] / Math.max(counts[Math.floor(i / components)], 1));
-    levels.push({ width, height, values: means, mask: Uint8Array.from(counts, (c) => (c > 0 ? 255 : 0)) });
-  }
-  return levels;
-}
-
-/** @param {Float32Array} sums @param {Float32Array} counts @param {number} width @param {number} height @param {number} components */
-function halved(sums, counts, width, height, components) {
-  const wide = (width + 1) >> 1, high = (height + 1) >> 1;
-  const above = new Float32Array(wide * high * components), number = new Float32Array(wide * high);
-  for (let y = 0; y < height; y++) {
-    for (let x = 0; x < width; x++) {
-      const from = y * width + x, to = (y >> 1) * wide + (x >> 1);
-      if (counts[from] === 0) continue;
-      number[to] += counts[from];
-      for (let c = 0; c < components; c++) above[to * components + c] += sums[from * components + c];
-    }
-  }
-  return { sums: above, counts: number, width: wide, height: high };
 }

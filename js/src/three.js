@@ -12,7 +12,7 @@ import {
   BufferAttribute, BufferGeometry, ClampToEdgeWrapping, Color, DataTexture, DoubleSide, FileLoader, FrontSide, Group,
   LinearFilter, LinearMipmapLinearFilter, LinearSRGBColorSpace, Loader, Mesh, MeshBasicMaterial, MeshPhysicalMaterial,
   MeshStandardMaterial, MirroredRepeatWrapping, NoColorSpace, RepeatWrapping, RGBAFormat, RGIntegerFormat,
-  SRGBColorSpace, UnsignedByteType, Vector2,
+  ShaderChunk, SRGBColorSpace, UnsignedByteType,
 } from 'three';
 
 import {BITS_GLSL, LEVELS_GLSL, lookUpGlsl} from './glsl_voxels.js';
@@ -45,6 +45,12 @@ export class TEXFLoader extends Loader {
   setDecoderPath(wasm) {
     this.decoder.wasm = wasm;
     this.decoder.module = null;
+    return this;
+  }
+
+  /** @param {string|URL} worker where the worker's script is, as one classic script, where a page has bundled it */
+  setWorkerPath(worker) {
+    this.decoder.worker = worker;
     return this;
   }
 
@@ -173,12 +179,14 @@ export function disposeGroup(group) {
 export function groupOf(asset) {
   const group = new Group(), textures = new TextureCache();
   group.position.fromArray(asset.origin);
-  group.userData = {metadata: asset.metadata, textures: textures.made};
+  group.userData = {metadata: asset.metadata, textures: textures.made, isNeural: asset.neural !== null,
+    fields: asset.fields.map(({planar, resolution, width, height, keys}) => ({planar, size: planar ? [width, height] : [resolution], cells: keys.length}))};
   for (const unit of asset.units) {
     const material = asset.materials[unit.material], field = asset.fields[unit.field];
     const mesh = new Mesh(geometryOf(unit), material.unlit ? new MeshBasicMaterial() : standardMaterial(material));
     mesh.name = material.name;
-    mesh.material.name = material.name;
+    mesh.userData.field = unit.field;
+    mesh.material.userData.channels = mapsOf(mesh.material, material, field).flatMap(([, channels]) => channels.filter((name, k) => name && channels.indexOf(name) === k));
     common(mesh.material, material);
     if (field.planar) texelMaps(/** @type {any} */ (mesh.material), material, field, unit.field, textures);
     else voxelMaps(/** @type {any} */ (mesh.material), material, field, unit.field, asset, textures);
@@ -222,14 +230,31 @@ function geometryOf({positions, indices, normals, uvs}) {
 
 // ---- Materials (8.5)
 
-/** @param {any} to @param {Material} from */
-function common(to, from) {
-  to.side = from.doubleSided ? DoubleSide : FrontSide;
-  to.transparent = from.alphaMode === 'BLEND';
-  to.depthWrite = from.alphaMode !== 'BLEND';
-  to.alphaTest = from.alphaMode === 'MASK' ? from.alphaCutoff : 0;
-}
-
+/**
+ * Which of our channels each map of three.js holds, in red, green, blue and alpha, and whether it is a colour.
+ * @type {[string, (string|null)[], boolean?][]}
+ */
+export const CHANNEL_MAPS = [
+  ['map', ['base_colour', 'base_colour', 'base_colour', 'alpha'], true],
+  ['normalMap', ['normal', 'normal']],
+  ['aoMap', ['occlusion']],
+  ['roughnessMap', [null, 'roughness']],
+  ['metalnessMap', [null, null, 'metallic']],
+  ['emissiveMap', ['emissive', 'emissive', 'emissive'], true],
+  ['clearcoatMap', ['clearcoat']],
+  ['clearcoatRoughnessMap', [null, 'clearcoat_roughness']],
+  ['clearcoatNormalMap', ['clearcoat_normal', 'clearcoat_normal']],
+  ['sheenColorMap', ['sheen_colour', 'sheen_colour', 'sheen_colour'], true],
+  ['sheenRoughnessMap', [null, null, null, 'sheen_roughness']],
+  ['specularIntensityMap', [null, null, null, 'specular']],
+  ['specularColorMap', ['specular_colour', 'specular_colour', 'specular_colour'], true],
+  ['transmissionMap', ['transmission']],
+  ['thicknessMap', [null, 'thickness']],
+  ['iridescenceMap', ['iridescence']],
+  ['iridescenceThicknessMap', [null, 'iridescence_thickness']],
+  ['anisotropyMap', ['anisotropy', 'anisotropy', 'anisotropy']],
+];
+const STANDARD = ['map', 'normalMap', 'aoMap', 'roughnessMap', 'metalnessMap', 'emissiveMap']; // the others are of physical materials
 const PHYSICAL = /** @type {const} */ ({
   clearcoat: 'clearcoat', clearcoat_roughness: 'clearcoatRoughness', sheen_roughness: 'sheenRoughness', specular: 'specularIntensity',
   transmission: 'transmission', thickness: 'thickness', attenuation_distance: 'attenuationDistance', iridescence: 'iridescence',
@@ -237,25 +262,45 @@ const PHYSICAL = /** @type {const} */ ({
 });
 const PHYSICAL_COLOURS = /** @type {const} */ ({sheen_colour: 'sheenColor', specular_colour: 'specularColor', attenuation_colour: 'attenuationColor'});
 
+/** @param {any} to @param {Material} from */
+function common(to, from) {
+  to.name = from.name;
+  to.side = from.doubleSided ? DoubleSide : FrontSide;
+  to.transparent = from.alphaMode === 'BLEND';
+  to.depthWrite = from.alphaMode !== 'BLEND';
+  to.alphaTest = from.alphaMode === 'MASK' ? from.alphaCutoff : 0;
+}
+
 /** @param {Material} material */
 function standardMaterial(material) {
   const {parameters} = material, number = (/** @type {string} */ name, /** @type {number} */ otherwise) => parameters[name]?.[0] ?? otherwise;
   const names = [...Object.keys(PHYSICAL), ...Object.keys(PHYSICAL_COLOURS)];
   const physical = names.some((name) => name in parameters || material.channels.includes(name));
   const made = physical ? new MeshPhysicalMaterial() : new MeshStandardMaterial();
+  const colour = (/** @type {string} */ name) => new Color().setRGB(.../** @type {[number, number, number]} */ (parameters[name] ?? [0, 0, 0]), LinearSRGBColorSpace);
   made.roughness = number('roughness', 1);
   made.metalness = number('metallic', 1);
   made.aoMapIntensity = number('occlusion_strength', 1);
-  made.emissive.setRGB(.../** @type {[number, number, number]} */ (parameters.emissive ?? [0, 0, 0]), LinearSRGBColorSpace);
+  made.emissive = colour('emissive');
   made.emissiveIntensity = number('emissive_strength', 1);
   if (made instanceof MeshPhysicalMaterial) {
     for (const [name, property] of Object.entries(PHYSICAL)) if (name in parameters) /** @type {any} */ (made)[property] = parameters[name][0];
-    for (const [name, property] of Object.entries(PHYSICAL_COLOURS))
-      if (name in parameters) /** @type {any} */ (made)[property] = new Color().setRGB(.../** @type {[number, number, number]} */ (parameters[name]), LinearSRGBColorSpace);
+    for (const [name, property] of Object.entries(PHYSICAL_COLOURS)) if (name in parameters) /** @type {any} */ (made)[property] = colour(name);
     if ('sheen_colour' in parameters) made.sheen = 1;
     made.iridescenceThicknessRange = [number('iridescence_thickness_minimum', 100), number('iridescence_thickness_maximum', 400)];
   }
   return made;
+}
+
+/** The maps that a material has of a field, of those that its kind of material takes; normals over voxels are deviations in object space.
+ * @param {any} to @param {Material} material @param {Field} field @returns {[string, (string|null)[], boolean][]} */
+function mapsOf(to, material, {planar, planes}) {
+  const has = (/** @type {string} */ name) => name in planes && (name === 'base_colour' || name === 'alpha' || material.channels.includes(name.replace('_object', '')));
+  const taken = to instanceof MeshPhysicalMaterial ? null : material.unlit ? ['map'] : STANDARD;
+  return CHANNEL_MAPS.filter(([property]) => !taken || taken.includes(property)).map(([property, channels, isColour = false]) => {
+    const four = !planar && property.endsWith('ormalMap') ? Array(3).fill(`${channels[0]}_object`) : channels;
+    return /** @type {[string, (string|null)[], boolean]} */ ([property, four.map((name) => (name && has(name) ? name : null)), isColour]);
+  }).filter(([, four]) => four.some(Boolean));
 }
 
 class TextureCache {
@@ -292,57 +337,37 @@ function interleaved(planes, from, data, count) {
   return out;
 }
 
+/** Which component of its channel each of four is, counted among those that name the channel.
+ * @param {(string|null)[]} channels */
+const componentsOf = (channels) => channels.map((name, k) => channels.slice(0, k).filter((before) => before === name).length);
+
 // ---- Texels
 
 /** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {TextureCache} cache */
 function texelMaps(to, material, field, number, cache) {
-  const planes = field.planes;
-  const texture = (/** @type {string} */ key, /** @type {(Plane|undefined)[]} */ four, /** @type {number[]} */ from, srgb = false) => cache.get(`${number} ${key}`, () => {
-    const size = four.find(Boolean)?.image;
-    if (!size) return null;
-    const fitting = four.map((plane) => plane?.image?.width === size.width && plane.image.height === size.height ? plane : undefined);
-    const pixels = interleaved(fitting, from, (plane) => /** @type {any} */ (plane.image).data, size.width * size.height);
-    if (key.includes('normal')) withZ(pixels);
-    const made = new DataTexture(pixels, size.width, size.height, RGBAFormat, UnsignedByteType);
-    [made.wrapS, made.wrapT] = field.wrap.map((wrap) => WRAPS[wrap]);
-    made.colorSpace = srgb ? SRGBColorSpace : NoColorSpace;
-    made.magFilter = LinearFilter;
-    made.minFilter = LinearMipmapLinearFilter;
-    made.generateMipmaps = true;
-    made.anisotropy = 16;
-    made.needsUpdate = true;
-    return made;
-  });
-  const colour = (/** @type {string} */ name) => texture(name, [planes[name], planes[name], planes[name]], [0, 1, 2], true);
-  const has = (/** @type {string} */ name) => name in planes && material.channels.includes(name);
-  to.map = texture('base', [planes.base_colour, planes.base_colour, planes.base_colour, planes.alpha], [0, 1, 2, 0], true);
-  if (material.unlit) return;
-  if (has('normal')) {
-    const scale = material.parameters.normal_scale?.[0] ?? 1;
-    to.normalMap = texture('normal', [planes.normal, planes.normal], [0, 1]);
-    to.normalScale = new Vector2(scale, -scale); // as GLTFLoader does where there are no tangents
+  for (const [property, channels, isColour] of mapsOf(to, material, field)) {
+    const four = channels.map((name) => (name ? field.planes[name] : undefined)), size = four.find(Boolean)?.image;
+    if (size) to[property] = cache.get(`${number} ${property} ${channels}`, () => texture(field, four, channels, size, isColour));
   }
-  if (has('occlusion')) to.aoMap = texture('occlusion', [planes.occlusion], [0]);
-  if (has('roughness')) to.roughnessMap = texture('roughness', [undefined, planes.roughness], [0, 0]);
-  if (has('metallic')) to.metalnessMap = texture('metallic', [undefined, undefined, planes.metallic], [0, 0, 0]);
-  if (has('emissive')) to.emissiveMap = colour('emissive');
-  if (!(to instanceof MeshPhysicalMaterial)) return;
-  if (has('clearcoat')) to.clearcoatMap = texture('clearcoat', [planes.clearcoat], [0]);
-  if (has('clearcoat_roughness')) to.clearcoatRoughnessMap = texture('clearcoat_roughness', [undefined, planes.clearcoat_roughness], [0, 0]);
-  if (has('clearcoat_normal')) {
-    const scale = material.parameters.clearcoat_normal_scale?.[0] ?? 1;
-    to.clearcoatNormalMap = texture('clearcoat_normal', [planes.clearcoat_normal, planes.clearcoat_normal], [0, 1]);
-    to.clearcoatNormalScale = new Vector2(scale, -scale);
-  }
-  if (has('sheen_colour')) to.sheenColorMap = colour('sheen_colour');
-  if (has('sheen_roughness')) to.sheenRoughnessMap = texture('sheen_roughness', [undefined, undefined, undefined, planes.sheen_roughness], [0, 0, 0, 0]);
-  if (has('specular')) to.specularIntensityMap = texture('specular', [undefined, undefined, undefined, planes.specular], [0, 0, 0, 0]);
-  if (has('specular_colour')) to.specularColorMap = colour('specular_colour');
-  if (has('transmission')) to.transmissionMap = texture('transmission', [planes.transmission], [0]);
-  if (has('thickness')) to.thicknessMap = texture('thickness', [undefined, planes.thickness], [0, 0]);
-  if (has('iridescence')) to.iridescenceMap = texture('iridescence', [planes.iridescence], [0]);
-  if (has('iridescence_thickness')) to.iridescenceThicknessMap = texture('iridescence_thickness', [undefined, planes.iridescence_thickness], [0, 0]);
-  if (has('anisotropy')) to.anisotropyMap = texture('anisotropy', [planes.anisotropy, planes.anisotropy, planes.anisotropy], [0, 1, 2]);
+  const scale = material.parameters.normal_scale?.[0] ?? 1, coat = material.parameters.clearcoat_normal_scale?.[0] ?? 1;
+  to.normalScale?.set(scale, -scale); // as GLTFLoader does where there are no tangents
+  to.clearcoatNormalScale?.set(coat, -coat);
+}
+
+/** @param {Field} field @param {(Plane|undefined)[]} four @param {(string|null)[]} channels @param {{width: number, height: number}} size @param {boolean} isColour */
+function texture(field, four, channels, size, isColour) {
+  const fitting = four.map((plane) => plane?.image?.width === size.width && plane.image.height === size.height ? plane : undefined);
+  const pixels = interleaved(fitting, componentsOf(channels), (plane) => /** @type {any} */ (plane.image).data, size.width * size.height);
+  if (channels.some((name) => name?.endsWith('normal'))) withZ(pixels);
+  const made = new DataTexture(pixels, size.width, size.height, RGBAFormat, UnsignedByteType);
+  [made.wrapS, made.wrapT] = field.wrap.map((wrap) => WRAPS[wrap]);
+  made.colorSpace = isColour ? SRGBColorSpace : NoColorSpace;
+  made.magFilter = LinearFilter;
+  made.minFilter = LinearMipmapLinearFilter;
+  made.generateMipmaps = true;
+  made.anisotropy = 16;
+  made.needsUpdate = true;
+  return made;
 }
 
 /** The third component of tangent space normals, from the first two.
@@ -356,22 +381,23 @@ function withZ(pixels) {
 
 // ---- Voxels
 
-const LINEAR = 'vec3 texfLinear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }';
-const GLSL = `
+/** GLSL of texfAsk(), which leaves what the field answers in texfSum0, texfSum1 ...; network: of texfAskNetwork(), where one answers on the finest level.
+ * @param {number} count of textures @param {string|null} network */
+const askGlsl = (count, network) => {
+  const each = (/** @type {(n: number) => string} */ text) => Array.from({length: count}, (_, n) => text(n)).join('\n  ');
+  return `
 varying vec3 vTexfPlace;
 varying vec3 vTexfNormal;
 varying vec3 vTexfWide;
-uniform sampler2D texfBase, texfSurface, texfEmissive, texfDeviation;
-${LINEAR}
+uniform bool texfCubes;
+uniform vec2 texfBends;
+${each((n) => `uniform sampler2D texfTable${n};\nvec4 texfSum${n};`)}
+vec3 texfLinear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }
 ${PLACE_GLSL}${BITS_GLSL}${lookUpGlsl('voxels')}${LEVELS_GLSL}
-vec4 texfBaseValue, texfSurfaceValue, texfEmissiveValue, texfDeviationValue;
-TEXF_NETWORK
+${network ?? ''}
 void texfAdd(int row, float weight) {
   ivec2 at = place(row);
-  texfBaseValue += weight * texelFetch(texfBase, at, 0);
-  if ((TEXF_MAPS & 4) != 0) texfSurfaceValue += weight * texelFetch(texfSurface, at, 0);
-  if ((TEXF_MAPS & 1) != 0) texfEmissiveValue += weight * texelFetch(texfEmissive, at, 0);
-  if ((TEXF_MAPS & 2) != 0) texfDeviationValue += weight * texelFetch(texfDeviation, at, 0);
+  ${each((n) => `texfSum${n} += weight * texelFetch(texfTable${n}, at, 0);`)}
 }
 void texfAskLevel(int level, vec3 grid, float share) { // trilinear over the active cells (8.2.1)
   grid /= float(1 << level);
@@ -393,42 +419,67 @@ void texfAskLevel(int level, vec3 grid, float share) { // trilinear over the act
   }
 }
 void texfAsk() { // a pixel that is wider than a cell asks the two levels nearest to its width
-  texfBaseValue = texfSurfaceValue = texfEmissiveValue = texfDeviationValue = vec4(0.0);
+  ${each((n) => `texfSum${n} = vec4(0.0);`)}
   float wide = abs(dFdy(vTexfWide.x / vTexfWide.y)) * vTexfWide.z, level = clamp(log2(max(wide, 1.0)), 0.0, float(u_last));
-  if (int(level) == 0) TEXF_FINEST(vTexfPlace, 1.0 - fract(level));
-  else texfAskLevel(int(level), vTexfPlace, 1.0 - fract(level));
-  if (fract(level) > 0.0) texfAskLevel(int(level) + 1, vTexfPlace, fract(level));
+  vec3 grid = texfCubes ? floor(vTexfPlace) + 0.5 : vTexfPlace;
+  if (int(level) == 0) ${network ? 'texfAskNetwork' : 'texfAskLevel'}(${network ? '' : '0, '}grid, 1.0 - fract(level));
+  else texfAskLevel(int(level), grid, 1.0 - fract(level));
+  if (fract(level) > 0.0) texfAskLevel(int(level) + 1, grid, fract(level));
 }
 `;
+};
+
+/** Whether three.js has a map, in its shaders. */
+const DEFINES = /** @type {Object<string, string>} */ ({
+  map: 'USE_MAP', aoMap: 'USE_AOMAP', normalMap: 'USE_NORMALMAP_OBJECTSPACE', clearcoatRoughnessMap: 'USE_CLEARCOAT_ROUGHNESSMAP', sheenColorMap: 'USE_SHEEN_COLORMAP',
+  sheenRoughnessMap: 'USE_SHEEN_ROUGHNESSMAP', specularIntensityMap: 'USE_SPECULAR_INTENSITYMAP', specularColorMap: 'USE_SPECULAR_COLORMAP',
+  iridescenceThicknessMap: 'USE_IRIDESCENCE_THICKNESSMAP',
+});
+
+/** What stands for each map: the asked values, as the shaders of three.js would get them of a texture.
+ * @param {ReturnType<typeof mapsOf>} maps @param {(component: string|null) => string} valueOf */
+function answersOf(maps, valueOf) {
+  const answers = /** @type {Object<string, string>} */ ({});
+  for (const [property, channels, isColour] of maps) {
+    const from = componentsOf(channels), four = channels.map((name, k) => valueOf(name && `${name} ${from[k]}`));
+    answers[property] = isColour ? `vec4(texfLinear(vec3(${four.slice(0, 3)})), ${four[3] ?? '1.0'})` : `vec4(${[0, 1, 2, 3].map((k) => four[k] ?? '1.0')})`;
+  }
+  const bent = (/** @type {string} */ name, /** @type {string} */ scale) =>
+    `(normalize(vTexfNormal) + ${scale} * (2.0 * vec3(${[0, 1, 2].map((k) => valueOf(`${name}_object ${k}`))}) - 1.0))`;
+  if ('normalMap' in answers) answers.normalMap = `vec4(0.5 * ${bent('normal', 'texfBends.x')} + 0.5, 1.0)`;
+  if ('clearcoatNormalMap' in answers) answers.clearcoatNormalMap = bent('clearcoat_normal', 'texfBends.y');
+  return answers;
+}
 
 /** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {Asset} asset @param {TextureCache} cache */
 function voxelMaps(to, material, field, number, asset, cache) {
   const size = 2 ** field.levelsLeftOut, cells = Math.ceil(field.resolution / size), last = Math.ceil(Math.log2(cells)), {planes} = field;
+  const maps = mapsOf(to, material, field).filter(([property]) => property !== 'anisotropyMap'); // which has no frame there
+  const components = maps.flatMap(([, channels]) => channels.map((name, k) => `${name} ${componentsOf(channels)[k]}`)).filter((name) => !name.startsWith('null'));
+  const count = Math.ceil(components.length / 4);
+  const valueOf = (/** @type {string|null} */ component) => {
+    const at = component === null ? -1 : components.indexOf(component);
+    return at < 0 ? '1.0' : `texfSum${at >> 2}.${'xyzw'[at & 3]}`;
+  };
   const tree = cache.get(`${number} tree`, () => levelsOf({...bricksOf(field.keys), first: 0, depth: last}));
   const lookUp = cache.get(`${number} look-up`, () => lookUpOf(tree));
   const look = (/** @type {'table'|'bits'} */ part) => cache.get(`${number} ${part}`, () => tableTexture(lookUp[part], 2, RGIntegerFormat, 'RG32UI'));
-  const texture = (/** @type {string} */ key, /** @type {(Plane|undefined)[]} */ four, /** @type {number[]} */ from) => cache.get(`${number} ${key}`, () => {
-    const values = interleaved(four, from, (plane) => spreadOut(plane, field), field.keys.length);
-    return tableTexture(pyramidOf({values, counts: null, level: 0}, 4, tree).values, 4, RGBAFormat, null);
-  });
-  const has = (/** @type {string} */ name, /** @type {string} */ channel) => channel in planes && material.channels.includes(name);
-  const lit = !material.unlit, glows = lit && has('emissive', 'emissive'), bends = lit && has('normal', 'normal_object');
-  const of = (/** @type {string} */ name) => has(name, name) ? planes[name] : undefined;
-  const three = (/** @type {Plane} */ plane) => [plane, plane, plane], maps = (glows ? 1 : 0) + (bends ? 2 : 0) + (lit ? 4 : 0);
-  const base = texture('base', [...three(planes.base_colour), planes.alpha], [0, 1, 2, 0]);
-  const uniforms = {
+  const uniforms = /** @type {Object<string, {value: any}>} */ ({
     u_voxels_table: {value: look('table')}, u_voxels_bits: {value: look('bits')}, u_voxels_log2: {value: lookUp.log2},
     u_size: {value: cells}, u_last: {value: last},
-    texfBase: {value: base},
-    texfSurface: {value: lit ? texture(`surface ${material.channels.join()}`, [of('occlusion'), of('roughness'), of('metallic')], [0, 0, 0]) : base},
-    texfEmissive: {value: glows ? texture('emissive', three(planes.emissive), [0, 1, 2]) : base},
-    texfDeviation: {value: bends ? texture('deviation', three(planes.normal_object), [0, 1, 2]) : base},
     texfScale: {value: asset.side > 0 ? (1 - 2 ** -asset.positionBits) * field.resolution / size / asset.side : 0},
-  };
-  const strength = (material.parameters.occlusion_strength?.[0] ?? 1).toFixed(6);
+    texfCubes: {get value() { return Boolean(to.userData.cubes); }},
+    texfBends: {get value() { return [to.normalScale?.x ?? 1, to.clearcoatNormalScale?.x ?? 1]; }},
+  });
+  for (let n = 0; n < count; n++) {
+    const four = components.slice(4 * n, 4 * n + 4), from = four.map((name) => Number(name.split(' ')[1]));
+    uniforms[`texfTable${n}`] = {value: cache.get(`${number} ${four}`, () => {
+      const values = interleaved(four.map((name) => planes[name.split(' ')[0]]), from, (plane) => spreadOut(plane, field), field.keys.length);
+      return tableTexture(pyramidOf({values, counts: null, level: 0}, 4, tree).values, 4, RGBAFormat, null);
+    })};
+  }
   const network = asset.neural && field.levelsLeftOut === 0 ? networkOf(asset.neural, number, (key, make) => cache.get(key, make)) : null;
-  const surface = ['occlusion', 'roughness', 'metallic'].map((name) => has(name, name) ? `${name} 0` : null);
-  const glsl = GLSL.replace('TEXF_NETWORK', network ? answersGlsl(network, 'alpha' in planes ? 'alpha 0' : null, surface) : '#define TEXF_FINEST(grid, share) texfAskLevel(0, grid, share)');
+  const glsl = askGlsl(count, network && networkAskGlsl(network, components, count)), answers = answersOf(maps, valueOf);
   to.onBeforeCompile = (/** @type {any} */ shader) => {
     Object.assign(shader.uniforms, uniforms, network?.uniforms);
     shader.vertexShader = shader.vertexShader
@@ -436,34 +487,33 @@ function voxelMaps(to, material, field, number, asset, cache) {
       .replace('#include <begin_vertex>', '#include <begin_vertex>\nvTexfPlace = position * texfScale;\nvTexfNormal = normal;')
       .replace('#include <project_vertex>', `#include <project_vertex>
 vTexfWide = vec3(gl_Position.yw, gl_Position.w / projectionMatrix[1][1] * texfScale / length(modelViewMatrix[0].xyz));`);
-    shader.fragmentShader = shader.fragmentShader
-      .replace('#include <common>', `#include <common>\n${lit ? 'uniform mat3 normalMatrix;' : ''}\n#define TEXF_MAPS ${maps}${glsl}`)
-      .replace('#include <map_fragment>', 'texfAsk();\ndiffuseColor *= vec4(texfLinear(texfBaseValue.rgb), texfBaseValue.a);')
-      .replace('#include <roughnessmap_fragment>', '#include <roughnessmap_fragment>\nroughnessFactor *= texfSurfaceValue.g;')
-      .replace('#include <metalnessmap_fragment>', '#include <metalnessmap_fragment>\nmetalnessFactor *= texfSurfaceValue.b;');
-    if (lit) shader.fragmentShader = shader.fragmentShader.replace('#include <aomap_fragment>', `float texfOcclusion = 1.0 + ${strength} * (texfSurfaceValue.r - 1.0);
-reflectedLight.indirectDiffuse *= texfOcclusion;\nreflectedLight.indirectSpecular *= texfOcclusion;`);
-    if (glows) shader.fragmentShader = shader.fragmentShader.replace('#include <emissivemap_fragment>',
-      'totalEmissiveRadiance *= texfLinear(texfEmissiveValue.rgb);');
-    if (bends) shader.fragmentShader = shader.fragmentShader.replace('#include <normal_fragment_maps>',
-      'normal = normalize(normalMatrix * (normalize(vTexfNormal) + texfDeviationValue.xyz * 2.0 - 1.0)) * faceDirection;');
+    shader.fragmentShader = asked(shader.fragmentShader, glsl, answers);
   };
-  to.customProgramCacheKey = () => `texf ${maps} ${strength} ${network ? `${surface.join()} ${glsl}` : ''}`;
+  to.customProgramCacheKey = () => `texf ${JSON.stringify(answers)} ${network ? glsl : count}`;
 }
 
-/** Where a network answers in place of the finest cells.
- * @param {ReturnType<typeof networkOf>} network @param {string|null} alpha @param {(string|null)[]} surface */
-function answersGlsl({glsl, ask, vectorOf}, alpha, surface) {
-  const three = (/** @type {string} */ name) => vectorOf([`${name} 0`, `${name} 1`, `${name} 2`, null]);
+/** A fragment shader of three.js that gets values of texfAsk() where it would read its maps.
+ * @param {string} shader @param {string} glsl @param {Object<string, string>} answers */
+function asked(shader, glsl, answers) {
+  const defines = Object.keys(answers).filter((property) => property !== 'clearcoatNormalMap').map((property) => `#define ${DEFINES[property] ?? `USE_${property.toUpperCase()}`}`);
+  let text = shader.replace('#include <map_fragment>', 'texfAsk();\n#include <map_fragment>').replace('#include <common>', `#include <common>\n${glsl}`);
+  const included = /^[ \t]*#include +<([\w./]+)>/gm, chunks = /** @type {Object<string, string>} */ (ShaderChunk);
+  while (text.search(included) >= 0) text = text.replace(included, (_, name) => chunks[name]);
+  for (const [property, answer] of Object.entries(answers)) text = text.replaceAll(new RegExp(`texture2D\\( ${property}, \\w+ \\)`, 'g'), () => answer);
+  if ('clearcoatNormalMap' in answers) text = text.replace('vec3 clearcoatNormal = nonPerturbedNormal;', () => `vec3 clearcoatNormal = normalize(normalMatrix * ${answers.clearcoatNormalMap}) * faceDirection;`);
+  const turns = 'clearcoatNormalMap' in answers && !('normalMap' in answers) ? 'uniform mat3 normalMatrix;' : '';
+  return `${defines.join('\n')}\n${turns}\n${text}`;
+}
+
+/** texfAskNetwork(): what a network answers in place of the finest cells.
+ * @param {ReturnType<typeof networkOf>} network @param {string[]} components @param {number} count */
+function networkAskGlsl({glsl, ask, vectorOf}, components, count) {
+  const sums = Array.from({length: count}, (_, n) => `  texfSum${n} += share * ${vectorOf([0, 1, 2, 3].map((k) => components[4 * n + k] ?? null))};`);
   return `${glsl}
 void texfAskNetwork(vec3 grid, float share) {
   ${ask('ivec3(clamp(grid * (16777216.0 / float(u_size)), 0.0, 16777215.0))')}
-  texfBaseValue += share * ${vectorOf(['base_colour 0', 'base_colour 1', 'base_colour 2', alpha])};
-  if ((TEXF_MAPS & 4) != 0) texfSurfaceValue += share * ${vectorOf([...surface, null])};
-  if ((TEXF_MAPS & 1) != 0) texfEmissiveValue += share * ${three('emissive')};
-  if ((TEXF_MAPS & 2) != 0) texfDeviationValue += share * ${three('normal_object')};
-}
-#define TEXF_FINEST(grid, share) texfAskNetwork(grid, share)`;
+${sums.join('\n')}
+}`;
 }
 
 /** Values of a plane that is coarser than its field, on the field's own cells.

@@ -24,6 +24,5 @@ function work({id, module, bytes, level, limits, chosen}, answer) {
 if (typeof self !== 'undefined' && typeof self.postMessage === 'function') {
   self.onmessage = (event) => work(event.data, (answer, transferred) => self.postMessage(answer, {transfer: transferred}));
 } else {
-  const {parentPort} = await import('node:worker_threads');
-  parentPort?.on('message', (job) => work(job, (answer, transferred) => parentPort.postMessage(answer, transferred)));
+  import('node:worker_threads').then(({parentPort}) => parentPort?.on('message', (job) => work(job, (answer, transferred) => parentPort.postMessage(answer, transferred))));
 }

@@ -42,7 +42,7 @@ def test_options_and_their_values_are_completed():
     ("texf-dec", "a.texf b.g"), ("texf-info", "a.te"), ("texf-validate", "a.te"), ("texf-render", "sam"),
     ("texf-render", "a.glb b.p"), ("texf-render", "--compare b"),
     ("texf-eval", "sam"), ("texf-eval", "a.glb b.te"), ("texf-eval", "--lpips w"),
-    ("texf-view", "sam"), ("texf-view", "a.texf b"), ("texf-view", "--export p"), ("texf-view", "--screenshot p"),
+    ("texf-view", "sam"), ("texf-view", "a.texf b"), ("texf-view", "--export p"),
 ])  # fmt: skip
 def test_names_of_files_are_left_to_the_shell(tool, words):
     assert ask(tool, "bash_complete", words).splitlines() == ["file," + words.split(" ")[-1]]

@@ -6,14 +6,12 @@ import struct
 import numpy as np
 import pytest
 from PIL import Image
-from shapes import hand, linear, mapped_sheet, noise, painted_sphere, scene_of, sphere
+from shapes import hand, linear, mapped_sheet, painted_sphere, scene_of, sphere
 
 from texfcodec import EncodeOptions, Texf, decode, encode
 from texfcodec.render.backdrop import FEW, GREY, has_few_colours, is_plain, rows
 from texfcodec.render.difference import names_of_halves
 from texfcodec.scene.scene import Material
-from texfcodec.viewer.container import parse
-from texfcodec.viewer.pack import pack
 
 FLAT = {"white": (255,) * 3, "black": (0,) * 3, "grey": (188,) * 3, "as the top": GREY[0], "as the bottom": GREY[1]}
 NOTICED = 8  # coded levels that an eye tells apart
@@ -121,12 +119,6 @@ def test_halves_are_source_and_stream_where_they_are():
     assert names_of_halves([(True, "a.glb"), (False, "b.texf")]) == ["source: a.glb", "stream: b.texf"]
     assert names_of_halves([(False, "b.texf"), (True, "a.glb")]) == ["stream: b.texf", "source: a.glb"]
     assert names_of_halves([(True, "a.glb"), (True, "b.glb")]) == ["first: a.glb", "second: b.glb"]
-
-
-def test_the_page_is_told_what_needs_light():
-    white = of_colour(FLAT["white"])
-    header = lambda asset: parse(pack(asset, "a", 1))[0]
-    assert header(white)["plain"] is True and header(mapped_sheet({}, noise(0)))["plain"] is False
 
 
 def test_a_notebook_sees_a_white_stream():

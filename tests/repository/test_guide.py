@@ -17,8 +17,8 @@ REPOSITORY = pages.REPOSITORY
 COMMANDS = {"texf-enc": enc.enc, "texf-dec": dec.dec, "texf-info": info.info, "texf-render": render.render,
             "texf-eval": eval.evaluate, "texf-validate": validate.validate, "texf-view": view.view}
 FLAG = re.compile(r"--[a-z][a-z-]*[a-z]")
-# Flags of other programs: tools/bench/ (--out), conformance/run.py, tools/proof/view_check.py and three_check.py.
-OTHER_FLAGS = {"--out", "--decoder", "--queries", "--home", "--shaders", "--averaged", "--light", "--pair"}
+# Flags of other programs: tools/bench/ (--out), conformance/run.py, tools/proof.
+OTHER_FLAGS = {"--out", "--max", "--decoder", "--queries", "--home", "--light", "--alike", "--averaged", "--pair"}
 PAGES = [pages.README, *pages.guide_pages()]
 FRONT = ("README.md", "CONTRIBUTING.md", "SECURITY.md", "js/README.md", "conformance/README.md")
 LINKING = [*(REPOSITORY / name for name in FRONT), *sorted((REPOSITORY / "docs").rglob("*.md"))]

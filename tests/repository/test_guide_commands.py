@@ -11,8 +11,7 @@ from batches import write_ball
 
 # What a command is not run for, and the reason. Every entry stands for at least one command, or a test says so.
 SKIPPED = {
-    r"^texf-view (?!.*--export)(?!.*--screenshot)": "serves a page until Ctrl-C",
-    r"^texf-view .*--screenshot": "starts a browser; tests/viewer does where there is one",
+    r"^texf-view (?!.*--export)": "serves a page until Ctrl-C",
     r"--scheduler": "needs a Dask cluster; tests/batch makes one",
     r" scan\.(texf|glb)": "TEXF_stream.md speaks of a scan of the reader's own; the same flags run on vase.glb",
 }

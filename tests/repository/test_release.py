@@ -126,7 +126,7 @@ def test_sums_are_read_by_sha256sum(tmp_path):
 
 
 def test_a_wheel_holds_the_package_and_nothing_else():
-    tracked = ["texfcodec/__init__.py", "texfcodec/viewer/web/main.js", "tests/test_x.py", "conformance/subset/k33/in.texf"]
+    tracked = ["texfcodec/__init__.py", "texfcodec/viewer/web/viewer.js", "tests/test_x.py", "conformance/subset/k33/in.texf"]
     right = tracked[:2] + [f"texfcodec-1.dist-info/{name}" for name in DESCRIPTION]
     assert faults_of_contents(right, tracked) == []
     wrong = ["tests/test_x.py", "texfcodec/__pycache__/x.pyc", "texfcodec/_x.so", "texfcodec-1.data/scripts/x"]
@@ -140,15 +140,16 @@ def test_every_file_of_the_package_is_code_or_named_as_its_data():
     names = [path.relative_to(REPOSITORY).as_posix() for path in tracked_files()]
     package = [path.removeprefix("texfcodec/") for path in names if path.startswith("texfcodec/")]
     data = [path for path in package if not path.endswith(".py")]
-    assert len(package) > 300 and len(data) > 30
+    assert len(package) > 300 and len(data) > 15
     assert [path for path in data if not any(Path(path).match(pattern) for pattern in patterns)] == []
-    assert {Path(path).suffix for path in data} == {".typed", ".wasm", ".js", ".html", ".css"}
+    assert {Path(path).suffix for path in data} == {".typed", ".wasm", ".js", ".mjs", ".html", ".css"}
 
 
-def test_parts_of_the_module_have_the_versions_that_it_is_made_with():
+def test_parts_that_are_compiled_or_bundled_have_the_versions_that_they_are_made_with():
     made = dict(re.findall(r"^(VERSION|ZIG_VERSION) \?= (\S+)$", text_of("native/Makefile"), re.M))
-    draco, zig = parts_list.PARTS_OF_WASM
+    draco, zig, three = parts_list.PARTS_BUNDLED
     assert f"DracoPy {made['VERSION']} " in draco["description"] and zig["version"] == made["ZIG_VERSION"]
+    assert three["version"] == json.loads(text_of("js/package.json"))["devDependencies"]["three"]
 
 
 def test_what_is_tried_is_there(tmp_path):

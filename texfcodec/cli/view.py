@@ -1,26 +1,24 @@
-"""texf-view: a page that shows a stream or a mesh, or two of them, in a browser; also as one file, or as a picture."""
+"""texf-view: a page that shows a stream or a mesh, or two of them, in a browser; also as one file."""
 
 import math
 import threading
 import webbrowser
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 import click
 
 from .. import __version__
-from ..errors import SupportError, TexfError
+from ..errors import TexfError
 from . import interrupts
 from .console import STYLE, check_output, run, seconds_of, timing_line, write_output
-from .flags import direction_of, file_names, limit_flags, limits_of, number, size_of
+from .flags import direction_of, file_names, limit_flags, limits_of, number
 from .inputs import CARRIED, carried_stream, check_stdin_once, checked_stream, files_of, open_asset, say_losses
 
 MODES = ("single", "split", "difference", "side")
-EFFECTS = ("scene", "all")
 LINK = 7  # numbers of a camera that the page's link holds
-PAGES, PICTURES = (".html", ".htm"), (".png",)
-PNG = b"\x89PNG\r\n\x1a\n"
-_LOOK = ("shaded", "mode", "layer", "effects")
+PAGES = (".html", ".htm")
+_LOOK = ("shaded", "mode", "layer")
 
 
 def _camera_of(context, parameter, value):
@@ -41,27 +39,18 @@ def _camera_of(context, parameter, value):
 @click.argument("other", metavar="[OTHER]", required=False, shell_complete=file_names)
 @click.option("--export", metavar="PAGE.html", shell_complete=file_names,
               help="Write the page with its content as one file, which needs neither server nor network.")
-@click.option("--screenshot", metavar="OUT.png", shell_complete=file_names,
-              help="Write the page's picture. A Chromium-based browser draws it without a window: the first on the PATH, or "
-                   "the one in TEXF_BROWSER.")
 @click.option("--camera", metavar="C", default="front", callback=_camera_of,
               help="Camera: front, back, left, right, top, bottom, fibonacci:I (one of 16 views), AZIMUTH,ELEVATION in "
                    "degrees, or the seven numbers that the page copies.  [default: front]")
-@click.option("--size", metavar="N|WxH", default="1024", callback=size_of,
-              help="Size of the screenshot in pixels, 1..8192 per side.  [default: 1024]")
 @click.option("--perspective", metavar="FOV", **number(1.0, 170.0, "Perspective projection with a vertical field of view of "
                                                                    "FOV degrees, 1..170.  [default: orthographic]"))
-@click.option("--anti-alias", metavar="N", default=1,
-              **number(1, 8, "Draw the screenshot N times larger and average N x N pixels.  [default: 1]"))
 @click.option("--shaded/--no-shaded", default=None,
               help="Draw with lighting and all material maps, or base colour alone (docs/design/shading.md).  [default: with "
-                   "lighting where FILE has few colours and would show only its outline]")
+                   "lighting where materials have any]")
 @click.option("--mode", type=click.Choice(MODES),
               help="Compare two files with a slider between them, as their difference, or side by side.  [default: split; "
                    "single without OTHER]")
 @click.option("--layer", metavar="NAME", help="Show a layer instead of the colour, by its name on the page, such as normals.")
-@click.option("--effects", type=click.Choice(EFFECTS), default=EFFECTS[0],
-              help="Compute the shading terms that the scene uses, or all.  [default: scene]")
 @click.option("--port", metavar="N", default=0,
               **number(0, 65535, "Port of the page; 0 for any free port.  [default: 0]"))
 @click.option("--no-browser", is_flag=True, help="Print the address of the page, but do not open a browser.")
@@ -71,60 +60,51 @@ def _camera_of(context, parameter, value):
 @click.option("--quiet", is_flag=True, help="Print only errors and the address of the page.")
 @click.version_option(__version__, message="%(prog)s %(version)s")
 @click.pass_obj
-def view(console, source, other, export, screenshot, as_json, quiet, **choices):
-    """Show a stream or mesh in a browser, or compare two of them, with WebGL2 and without baking. The tool prints the address of
-    the page and serves it to this machine alone, until Ctrl-C. Drop more files on the page to see them. The page decodes streams
-    in the browser's sandbox; a process with limited memory and time reads meshes.
+def view(console, source, other, export, as_json, quiet, **choices):
+    """Show a stream or mesh in a browser, or compare two of them, with three.js and without baking. The tool prints the address
+    of the page and serves it to this machine alone, until Ctrl-C. Drop more files on the page to see them. The page decodes
+    streams and reads GLB files in the browser's sandbox; a process with limited memory and time reads other meshes.
 
-    FILE or OTHER may be "-": a stream or a mesh on stdin. With --export or --screenshot ("-": stdout, with the report on stderr)
-    the page is not served.
+    FILE or OTHER may be "-": a stream or a mesh on stdin. With --export ("-": stdout, with the report on stderr) the page is not
+    served. texf-render draws pictures into files.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
     check_stdin_once(source, other)
     inputs = [name for name in (source, other) if name is not None]
-    _check(console, other, export, screenshot, choices, inputs)
+    _check(console, other, export, choices, inputs)
     start = _start(choices, other)
     limits = limits_of(choices)
     with console.progress() as report:
         shown = _shown(limits, inputs, report)
-        drawn = {"size": list(choices["size"]), "anti_alias": choices["anti_alias"]}
-        outputs = _outputs(shown, limits, export, screenshot, start, drawn, report)
-        for path, data in outputs.items():
-            check_output(path, inputs)
+        if export is not None:
+            check_output(export, inputs)
+            page = _page(shown, limits, start, report)
             with report.stage("save"):
-                write_output(path, data, inputs)
+                write_output(export, page, inputs)
     say_losses(console, report)
     facts = _facts(shown, report)
-    if outputs:
-        facts |= {"files": [Path(path).name for path in outputs if path != "-"]}
-        console.result(facts, _lines(facts, outputs))
+    if export is not None:
+        facts |= {"files": [Path(export).name] if export != "-" else []}
+        console.result(facts, [f"{export}: {len(page)} bytes", timing_line(facts["seconds"], facts["peak_memory_bytes"])])
     else:
         _serve(console, shown, start, choices, limits, facts)
 
 
-def _check(console, other, export, screenshot, choices, inputs):
+def _check(console, other, export, choices, inputs):
     """Refuses what cannot be done before any work is."""
-    for path, suffixes in ((export, PAGES), (screenshot, PICTURES)):
-        if path == "-":
-            console.stdout_is_taken()
-        elif path is not None and not path.lower().endswith(suffixes):
-            raise click.UsageError(f"{path} must end in {' or '.join(suffixes)}")
-    if export == screenshot == "-":
-        raise click.UsageError("--export and --screenshot cannot both write to stdout")
+    if export == "-":
+        console.stdout_is_taken()
+    elif export is not None and not export.lower().endswith(PAGES):
+        raise click.UsageError(f"{export} must end in {' or '.join(PAGES)}")
     if other is None and choices["mode"] not in (None, "single"):
         raise click.UsageError(f"--mode {choices['mode']} requires OTHER, a second file to compare")
     if choices["perspective"] is not None and "link" in choices["camera"]:
         raise click.UsageError("--perspective cannot be combined with the seven numbers of --camera, which contain a field of "
                                "view")
-    for path in (export, screenshot):
-        if path is not None:
-            check_output(path, inputs)
-    if screenshot is not None:
-        from ..viewer.headless import needed_browser
-
-        needed_browser()
+    if export is not None:
+        check_output(export, inputs)
 
 
 def _start(choices, other):
@@ -135,17 +115,10 @@ def _start(choices, other):
     return {"camera": camera if "link" in camera else {**camera, "perspective": fov}, **look}
 
 
-class Shown(NamedTuple):
-    """An asset that the page shows. size: bytes of its files; data: a stream, or the container of a mesh."""
-
-    name: str
-    size: int
-    data: bytes
-
-
 def _shown(limits, inputs, report):
     """The inputs, in their order; adds the other files that were read to inputs."""
-    from ..viewer.pack import pack
+    from ..viewer.glb import glb_of_asset
+    from ..viewer.server import Shown
 
     out = []
     for path in list(inputs):
@@ -160,9 +133,8 @@ def _shown(limits, inputs, report):
             continue
         report.warnings += asset.warnings
         report.dropped += asset.dropped
-        size = sum(asset.files.values())
         with report.stage("pack"):
-            out.append(Shown(name, size, pack(asset, name, size)))
+            out.append(Shown(name, sum(asset.files.values()), glb_of_asset(path, asset), asset.warnings))
     return out
 
 
@@ -178,35 +150,21 @@ def _sound_carried(path, limits, report):
     return data
 
 
-def _outputs(shown, limits, export, screenshot, start, drawn, report):
-    """{path: bytes} of what is to be written. drawn: "size" and "anti_alias" of the screenshot."""
-    data, names, outputs = [one.data for one in shown], [one.name for one in shown], {}
-    if export is not None:
-        from ..viewer.page import export_page
+def _page(shown, limits, start, report):
+    """The bytes of the exported page."""
+    from ..viewer.page import export_page
 
-        with report.stage("export"):
-            outputs[export] = export_page(data, " and ".join(names), start, __version__, names=names, limits=limits)
-    if screenshot is not None:
-        from ..render.backdrop import GREY
-        from ..viewer.headless import run_jobs
-
-        with report.stage("browser"):
-            (picture,) = run_jobs(data, [{"kind": "picture", "captions": True, "background": GREY, **drawn, **start}],
-                                  names=names, limits=limits)
-        if not picture.startswith(PNG):
-            raise SupportError("TXF-C11", "the page in the browser did not draw a picture")
-        outputs[screenshot] = picture
-    return outputs
+    with report.stage("export"):
+        return export_page(shown, " and ".join(one.name for one in shown), start, __version__, limits=limits)
 
 
 def _serve(console, shown, start, choices, limits, facts):
     """Serves the page until Ctrl-C, which is how it is meant to end: with 0."""
-    from ..viewer.dropped import container_of_dropped
+    from ..viewer.dropped import glb_of_dropped
     from ..viewer.server import ViewServer
 
-    drop = lambda data, name: container_of_dropped(data, name, limits)
-    with ViewServer([one.data for one in shown], drop=drop, names=[one.name for one in shown], start=start, version=__version__,
-                    port=choices["port"], limits=limits) as server:
+    drop = lambda data, name: glb_of_dropped(data, name, limits)
+    with ViewServer(shown, drop=drop, start=start, version=__version__, port=choices["port"], limits=limits) as server:
         interrupts.Talk.quiet, interrupts.Talk.closes = console.quiet or console.as_json, True
         if console.quiet and not console.as_json:
             click.echo(server.address)
@@ -239,12 +197,6 @@ def _facts(shown, report):
     assets = [{"name": one.name, "bytes": one.size} for one in shown]
     return {"assets": assets, "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(),
             "warnings": report.warnings, "dropped": report.dropped, "remarks": report.remarks}
-
-
-def _lines(facts, outputs):
-    for path, data in outputs.items():
-        yield f"{path}: {len(data)} bytes"
-    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

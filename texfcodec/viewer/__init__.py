@@ -1,1 +1,1 @@
-"""A page that shows decoded assets with WebGL2: its data, its server, its export to one file, and a browser without a window."""
+"""A page that shows decoded assets with three.js: its modules (app/, bundled into web/), its server, its export to one file."""

@@ -1,5 +1,5 @@
 """A mesh that somebody drops on the page, in any format that is read, from wherever it came: read in a child process with capped
-memory and time, whose answer only the page reads."""
+memory and time, whose answer, a GLB, only the page reads."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from ..limits import Limits
 from ..sandbox.limited_process import FACTS, child_folder, crash_of, read_facts, run_child, within_cap
 
 GLB_MAGIC = b"glTF"
-CONTAINER = "container"
+CONVERTED = "mesh.glb"
 MISSING = "missing"  # in what is said of a file that a mesh names
 ALONE = "a dropped file arrives without the files that it names; open it with texf-view instead"
 
 
-def container_of_dropped(data: bytes, name: str, limits: Limits | None = None) -> bytes:
-    """The container (viewer.pack) of the bytes of a mesh; name: what the page calls it, whose suffix is the format where the
+def glb_of_dropped(data: bytes, name: str, limits: Limits | None = None) -> bytes:
+    """A GLB (viewer.glb) of the bytes of a mesh; name: what the page calls it, whose suffix is the format where the
     first bytes are not those of a GLB. Raises TexfError."""
     if not data:
         raise InputError("TXF-I04", "the file is empty", path=name)
@@ -44,7 +44,7 @@ def _mesh(data, name, limits):
         try:
             facts = read_facts(folder)
             if facts is None:
-                return (folder / CONTAINER).read_bytes()
+                return (folder / CONVERTED).read_bytes()
             family = {kind.__name__: kind for kind in (InputError, StreamError, errors.LimitError, errors.SupportError)}
             error = family[facts["family"]](str(facts["code"]), str(facts["message"]), **facts["details"])
         except (OSError, ValueError, KeyError, TypeError):
@@ -53,10 +53,10 @@ def _mesh(data, name, limits):
 
 
 def _child(folder, request):
-    """The child's side: reads a mesh on stdin and leaves its container in the folder, or what is wrong with it."""
+    """The child's side: reads a mesh on stdin and leaves its GLB in the folder, or what is wrong with it."""
     import PIL.Image  # noqa: F401  what it needs is imported before the cap
 
-    from . import pack  # noqa: F401
+    from . import glb  # noqa: F401
 
     limits, data, facts = Limits(**request["limits"]), sys.stdin.buffer.read(), None
     entry = _format_of(data, request["name"])
@@ -65,7 +65,7 @@ def _child(folder, request):
         import_module(f"texfcodec.io.{entry.module}")
     os.chdir(folder)  # where no file is that the mesh could name
     try:
-        within_cap(limits, lambda: (folder / CONTAINER).write_bytes(_packed(data, request["name"])))
+        within_cap(limits, lambda: (folder / CONVERTED).write_bytes(_converted(data, request["name"])))
     except TexfError as error:
         facts = {"family": type(error).__name__, "code": error.code, "message": error.message, "details": error.details}
     (folder / FACTS).write_text(json_text(facts), encoding="utf-8")
@@ -76,9 +76,9 @@ def _format_of(data, name):
     return format_of(".glb" if data.startswith(GLB_MAGIC) else Path(name).suffix.lower())
 
 
-def _packed(data, name):
+def _converted(data, name):
     from ..io.load import load
-    from .pack import pack
+    from .glb import glb_of_scene
 
     file, entry = io.BytesIO(data), _format_of(data, name)
     file.name = f"dropped{entry.suffix}"  # never the name itself, which could lead into another folder
@@ -92,7 +92,7 @@ def _packed(data, name):
         raise InputError("TXF-I16", "a dropped mesh must contain all its images; it may not name files of this machine")
     if any(MISSING in warning for warning in scene.warnings):
         scene.warnings.append(ALONE)
-    return pack(scene, name, len(data))
+    return glb_of_scene(scene)
 
 
 if __name__ == "__main__":

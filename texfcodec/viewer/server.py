@@ -20,14 +20,14 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from socketserver import TCPServer
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import parse_qs
 
 from ..core.json_text import json_text
 from ..errors import InputError, TexfError
 from ..limits import Limits
+from ..render.environment import DAYLIGHT
 from ..sandbox.wasm import LIMITS, MODULE
-from .pack import pack_light
 
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")  # of this host, as a browser may write them
@@ -35,10 +35,9 @@ WEB = Path(__file__).parent / "web"
 KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8",
          ".wasm": "application/wasm"}
 BYTES, JSON = "application/octet-stream", "application/json"
-ANSWERS = ("image/png", BYTES, JSON)  # kinds that the answer to a job may have
 HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; "
-                               "connect-src 'self'; img-src 'self' blob: data:; base-uri 'none'; form-action 'none'; "
+    "Content-Security-Policy": "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src blob:; style-src 'self'; "
+                               "connect-src 'self' blob: data:; img-src 'self' blob: data:; base-uri 'none'; form-action 'none'; "
                                "frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -51,26 +50,29 @@ VISIT_SECONDS = 60.0  # for a whole request, and again for the whole answer
 LINGER_SECONDS = 2.0  # for what a refused client still sends, so that it reads why
 LONGEST_NAME = 255
 
-Answer = tuple[str, bytes]  # kind, and what it holds
+
+class Shown(NamedTuple):
+    """An asset that the page shows. size: bytes of its files; data: a stream or a GLB; warnings: a sentence each."""
+
+    name: str
+    size: int
+    data: bytes
+    warnings: list[str] = []  # noqa: RUF012  never changed
 
 
 class ViewServer:
     """Context manager: serves the page at .address until it is left.
 
-    assets: streams, or containers of viewer.pack.pack(); names: theirs, for the page; jobs: JSON-ready, what the page is to do by
-    itself; drop: function of the bytes of a mesh that somebody drops on the page and its name -> container, or None where the
-    page takes streams alone; it raises TexfError. start: JSON-ready, how the page is to begin; version: the package's; port: 0
-    for any that is free; limits: of streams and of a request.
+    assets: what it shows; drop: function of the bytes of a mesh that somebody drops on the page and its name -> GLB, or None
+    where the page takes streams and GLB files alone; it raises TexfError. start: JSON-ready, how the page is to begin; version:
+    the package's; port: 0 for any that is free; limits: of streams and of a request.
     """
 
-    def __init__(self, assets: Sequence[bytes], jobs: Sequence[dict] = (), drop: Callable[[bytes, str], bytes] | None = None,
-                 *, names: Sequence[str] = (), start: dict | None = None, version: str = "", port: int = 0,
-                 limits: Limits | None = None) -> None:
-        self.assets, self.names, self.jobs, self.drop = list(assets), list(names) or [""] * len(assets), list(jobs), drop
+    def __init__(self, assets: Sequence[Shown], drop: Callable[[bytes, str], bytes] | None = None, *, start: dict | None = None,
+                 version: str = "", port: int = 0, limits: Limits | None = None) -> None:
+        self.assets, self.drop = list(assets), drop
         self.start, self.version, self.limits, self.token = start, version, limits or Limits(), secrets.token_urlsafe(24)
         self.pages = {path.name: path.read_bytes() for path in (*WEB.iterdir(), MODULE) if path.suffix in KINDS}
-        self.results: dict[int, Answer] = {}
-        self.changed = threading.Condition()
         self.dropping = threading.Lock()  # one at a time: each may take as much memory as its limits allow
         try:
             self._http = _Http((HOST, port), self)
@@ -99,29 +101,16 @@ class ViewServer:
 
     def about(self) -> dict:
         """What the page asks first."""
-        return about_page(self.names, self.drop is not None, self.start, self.version, self.limits)
-
-    def give(self, number: int, answer: Answer) -> bool:
-        """Keeps the answer to a job; False where there is one already."""
-        with self.changed:
-            is_new = number not in self.results
-            self.results.setdefault(number, answer)
-            self.changed.notify_all()
-        return is_new
-
-    def answers(self, seconds: float) -> dict[int, Answer]:
-        """The answers so far, by job: at once where all are there, or when one comes, or after so many seconds."""
-        with self.changed:
-            if len(self.results) < len(self.jobs):
-                self.changed.wait(seconds)
-            return dict(self.results)
+        return about_page(self.assets, self.drop is not None, self.start, self.version, self.limits)
 
 
-def about_page(names: Sequence[str], drop: bool, start: dict | None, version: str, limits: Limits) -> dict:
+def about_page(assets: Sequence[Shown], drop: bool, start: dict | None, version: str, limits: Limits) -> dict:
     """What a page needs to know of itself: what it shows, whether it can have meshes read that are dropped on it, how it is to
-    begin, and what streams may ask for."""
+    begin, what streams may ask for, and the light."""
     words = {name: name.partition("_")[0] + "".join(part.title() for part in name.split("_")[1:]) for name in LIMITS}
-    return {"names": list(names), "version": version, "drop": drop, "start": start,
+    lights = [{"direction": light.direction.tolist(), "irradiance": light.irradiance.tolist()} for light in DAYLIGHT.lights]
+    return {"assets": [{"name": one.name, "bytes": one.size, "warnings": one.warnings} for one in assets], "version": version,
+            "drop": drop, "start": start, "light": {"powers": DAYLIGHT.powers.tolist(), "lights": lights},
             "limits": {word: getattr(limits, name) or 0 for name, word in words.items()}}
 
 
@@ -239,14 +228,8 @@ class _Visit(BaseHTTPRequestHandler):
         name = "index.html" if place == "" else place.removeprefix("web/") if place.startswith("web/") else ""
         if place == "about":
             self._answer_json(200, view.about())
-        elif place == "job" and not view.jobs:
-            self._answer(204, JSON, b"")
-        elif place == "job":
-            self._answer_json(200, view.jobs)
-        elif place == "light":
-            self._answer(200, BYTES, pack_light())
         elif asset and int(asset[1]) < len(view.assets):
-            self._answer(200, BYTES, view.assets[int(asset[1])])
+            self._answer(200, BYTES, view.assets[int(asset[1])].data)
         elif name in view.pages and (name == "index.html") == (place == ""):
             self._answer(200, KINDS[Path(name).suffix], view.pages[name])
         else:
@@ -254,15 +237,7 @@ class _Visit(BaseHTTPRequestHandler):
 
     def _post(self, place):
         view = self.server.view
-        job = re.fullmatch(r"result/([0-9]{1,6})", place)
-        if job and int(job[1]) < len(view.jobs):
-            kind = self.headers.get("Content-Type", "")
-            if kind not in ANSWERS:
-                raise Refused(415, "an answer is " + ", ".join(ANSWERS))
-            if not view.give(int(job[1]), (kind, self._body())):
-                raise Refused(409, "the job already has its result")
-            self._answer(204, JSON, b"")
-        elif re.fullmatch(r"drop\?[^/]*", place) and view.drop is not None:
+        if re.fullmatch(r"drop\?[^/]*", place) and view.drop is not None:
             names = parse_qs(place.partition("?")[2], keep_blank_values=True).get("name", [])
             if len(names) != 1:
                 raise Refused(400, "a dropped file must have a name")
@@ -284,10 +259,10 @@ class _Visit(BaseHTTPRequestHandler):
         return data
 
     def _drop(self, view, data, name):
-        """Answers with the container of a file, or 422 and the error as data."""
+        """Answers with the GLB of a file, or 422 and the error as data."""
         try:
             with view.dropping:
-                container = view.drop(data, name)
+                converted = view.drop(data, name)
         except TexfError as error:
             self._answer_json(422, error.as_dict())
         except MemoryError:
@@ -296,7 +271,7 @@ class _Visit(BaseHTTPRequestHandler):
             self._answer_json(500, {"code": "TXF-C04", "message": "internal error; please report it",
                                     "reason": type(error).__name__})
         else:
-            self._answer(200, BYTES, container)
+            self._answer(200, BYTES, converted)
 
     def _answer_json(self, status: int, facts: Any):
         self._answer(status, JSON, json_text(facts).encode())

@@ -1,4 +1,5 @@
-"""The list of all parts (SBOM, CycloneDX): the packages that an installed wheel brings, and what is compiled into texf.wasm."""
+"""The list of all parts (SBOM, CycloneDX): the packages that an installed wheel brings, and what is compiled into texf.wasm
+or bundled into viewer.js."""
 
 import json
 import sys
@@ -7,7 +8,7 @@ from pathlib import Path
 
 from tools.release.clean_copy import run
 
-PARTS_OF_WASM = ({
+PARTS_BUNDLED = ({
     "type": "library", "bom-ref": "texf.wasm/draco", "name": "draco", "version": "1.5.7",
     "description": "its decoder, compiled into texfcodec/sandbox/texf.wasm from the sources that DracoPy 2.2.0 ships",
     "licenses": [{"license": {"id": "Apache-2.0"}}],
@@ -15,6 +16,9 @@ PARTS_OF_WASM = ({
     "type": "library", "bom-ref": "texf.wasm/zig", "name": "zig", "version": "0.17.1",
     "description": "wasi-libc, libc++ and compiler-rt, compiled into texfcodec/sandbox/texf.wasm",
     "licenses": [{"license": {"id": "MIT"}}],
+}, {
+    "type": "library", "bom-ref": "viewer.js/three", "name": "three", "version": "0.187.0",
+    "description": "three.js, bundled into texfcodec/viewer/web/viewer.js", "licenses": [{"license": {"id": "MIT"}}],
 })
 
 
@@ -37,7 +41,7 @@ def list_of_parts(python: Path, pyproject: Path, seconds: int) -> str:
     made = run(sys.executable, "-m", "cyclonedx_py", "environment", "--output-reproducible", "--spec-version", "1.6",
                "--pyproject", pyproject, "--mc-type", "library", python, SOURCE_DATE_EPOCH=str(seconds))
     parts = json.loads(made)
-    parts["components"] += PARTS_OF_WASM
+    parts["components"] += PARTS_BUNDLED
     text = json.dumps(parts, indent=2) + "\n"
     _check(text)
     return text

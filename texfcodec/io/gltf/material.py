@@ -228,19 +228,23 @@ def _kept_keys():
     return {place: keys | {"extras", "extensions"} for place, keys in kept.items()}
 
 
-def write_material(material: Material, textures: dict[str, int]) -> dict:
+def write_material(material: Material, textures: dict[str, int], sets: dict[str, int] | None = None) -> dict:
     """glTF dict of a material. textures: index of the glTF texture by channel name, base colour among them, for those that have
-    an image; the material's factor and parameters say the rest."""
+    an image; sets: the number of its UVs by channel name, 0 for those that are not named; the material's factor and parameters
+    say the rest."""
+    slots = {name: {"index": index} for name, index in textures.items()}
+    for name in (sets or {}).keys() & slots.keys():
+        slots[name]["texCoord"] = (sets or {})[name]
     out: dict[str, Any] = {PBR: {}}
     if material.name:
         out["name"] = material.name
     if any(value != 1 for value in material.factor):
         out[PBR]["baseColorFactor"] = [float(value) for value in material.factor]
     if BASE_COLOUR.name in textures:
-        out[PBR]["baseColorTexture"] = {"index": textures[BASE_COLOUR.name]}
+        out[PBR]["baseColorTexture"] = slots[BASE_COLOUR.name]
     for channel in MAPS:
         if channel.name in textures:
-            _write_place(out, channel.extension)[channel.slot] = {"index": textures[channel.name]}
+            _write_place(out, channel.extension)[channel.slot] = slots[channel.name]
     for parameter in PARAMETERS:
         if parameter.name in material.parameters:
             _write_parameter(out, parameter, material.parameters[parameter.name])

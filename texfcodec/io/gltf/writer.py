@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..output_textures import Textured
 
 _COMPONENT = {"f4": 5126, "u2": 5123, "u4": 5125, "i2": 5122, "u1": 5121}
-_WRAP_CODES = {mode: code for code, mode in WRAPS.items()}
+WRAP_CODES = {mode: code for code, mode in WRAPS.items()}
 _POINTS = 0
 OPTIONAL = {"NORMAL", "TANGENT"}  # left out of primitives that have none
 _LINEAR, _NEAREST = (9729, 9987), (9728, 9728)  # filters of a sampler: linear with mipmaps; nearest
@@ -213,7 +213,7 @@ def _add_texture(document, texture, form, image):
     else:
         entry = {"name": name, "mimeType": form.mime, "bufferView": document.add_view(image)}
     magnified, minified = _NEAREST if texture.nearest else _LINEAR
-    sampler = {"magFilter": magnified, "minFilter": minified, "wrapS": _WRAP_CODES[wrap[0]], "wrapT": _WRAP_CODES[wrap[1]]}
+    sampler = {"magFilter": magnified, "minFilter": minified, "wrapS": WRAP_CODES[wrap[0]], "wrapT": WRAP_CODES[wrap[1]]}
     known = document.json.get("samplers", [])
     at = known.index(sampler) if sampler in known else document.add("samplers", sampler)
     source = {"source": document.add("images", entry)}

@@ -1,5 +1,6 @@
 """A Chromium on this machine, for tests that need one."""
 
+import os
 import shutil
 
 import pytest

@@ -61,9 +61,9 @@ def encode(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | None = None,
     -----
     The same mesh, options and version give the same bytes, whatever the threads and the machine.
     """
-    made = _encoded(mesh, options, report)
-    _warn_of_losses([*made.warnings, *map(_not_coded, made.dropped)])
-    return made.data
+    encoded = _encoded(mesh, options, report)
+    _warn_of_losses([*encoded.warnings, *map(_not_coded, encoded.dropped)])
+    return encoded.data
 
 
 def encode_to_result(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | None = None,
@@ -90,9 +90,9 @@ def encode_to_result(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | No
     LossWarning
         As encode().
     """
-    made = _encoded(mesh, options, report)
-    _warn_of_losses([*made.warnings, *map(_not_coded, made.dropped)])
-    return made
+    encoded = _encoded(mesh, options, report)
+    _warn_of_losses([*encoded.warnings, *map(_not_coded, encoded.dropped)])
+    return encoded
 
 
 def _encoded(mesh, options, report):
@@ -133,45 +133,45 @@ def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encod
     if options.target_bytes is not None or options.target_psnr is not None:
         from .encoder.search import encode_to_target
 
-        made = encode_to_target(scene, options, report)
+        encoded = encode_to_target(scene, options, report)
     elif options.no_check:
         from .encoder.encode import encode_scene
 
-        made = encode_scene(scene, options, report)
+        encoded = encode_scene(scene, options, report)
     else:
         from .encoder.verify import encode_checked
 
-        made = encode_checked(scene, options, report)
-    if not (options.no_check or made.check):
+        encoded = encode_checked(scene, options, report)
+    if not (options.no_check or encoded.check):
         from .encoder.verify import check
 
-        check(scene, made, options, report, time.perf_counter() - begin)
-    if options.measure and made.psnr_3d is None:
+        check(scene, encoded, options, report, time.perf_counter() - begin)
+    if options.measure and encoded.psnr_3d is None:
         from .metrics.psnr_3d import measure_or_warn
 
         with report.stage("measure"):
-            made.psnr_3d = measure_or_warn(lambda: measure(scene, made, options.threads), report)
+            encoded.psnr_3d = measure_or_warn(lambda: measure(scene, encoded, options.threads), report)
     refuse_losses(options, report)
-    _say_if_larger(scene, made, report)
+    _say_if_larger(scene, encoded, report)
     for name, count in known.items():  # the report may be of several encodes
-        setattr(made, name, [*getattr(scene, name), *getattr(report, name)[count:]])
-    return made
+        setattr(encoded, name, [*getattr(scene, name), *getattr(report, name)[count:]])
+    return encoded
 
 
-def _say_if_larger(scene, made, report):
+def _say_if_larger(scene, encoded, report):
     """Warns where a stream has more bytes than the files that its scene was read from; nothing looks different, so that strict
     does not refuse it."""
     source = sum(scene.files.values())
-    if 0 < source < len(made.data):
-        report.warnings.append(f"the stream ({len(made.data)} bytes) is larger than its source ({source} bytes)")
+    if 0 < source < len(encoded.data):
+        report.warnings.append(f"the stream ({len(encoded.data)} bytes) is larger than its source ({source} bytes)")
 
 
-def measure(scene: Scene, made: Encoded, threads: int = 1) -> dict:
+def measure(scene: Scene, encoded: Encoded, threads: int = 1) -> dict:
     """3D-PSNR of a stream against the Scene it came from, in dB; see metrics.psnr_3d.measure."""
     from .decoder import decode_stream
     from .metrics.psnr_3d import measure as measured
 
-    texf = decode_stream(made.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report())
+    texf = decode_stream(encoded.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report())
     return measured(scene, texf, threads=threads)
 
 

@@ -1,7 +1,7 @@
 """Every code of the package, in one table: what is wrong, where the specification says so, and what to do. Most are errors;
 texf-validate also warns of what is odd about a valid stream, and notes what costs bytes or is seldom meant.
 
-The sites that raise an error say its code themselves; tests/repository/test_findings.py holds both against each other.
+The sites that raise an error say its code themselves; a test holds both against each other.
 bitstream_spec.md and docs/guide/errors.md carry this table as generated blocks (`make -C tools spec-tables`).
 """
 
@@ -50,7 +50,7 @@ class Finding:
 
     def covers(self, clause: str) -> bool:
         """Whether a clause such as "5.7.1" is one of the finding's, or below one of them."""
-        return any(clause == one or clause.startswith(one + ".") for one in self.clauses)
+        return any(clause == own or clause.startswith(own + ".") for own in self.clauses)
 
 
 _REPAIR = "get a new copy of the file, or report the fault to the authors of its encoder"

@@ -66,14 +66,14 @@ def words_of(option: Field) -> tuple[str, ...]:
 def check_options(options: "EncodeOptions | DecodeOptions") -> None:
     """Compares every field of options with what it takes. Raises InputError TXF-I50."""
     for option in fields(options):
-        value, told = getattr(options, option.name), option.metadata
+        value, metadata = getattr(options, option.name), option.metadata
         if value is None and option.default is None:
             continue
-        if "allowed" in told and value not in (allowed := words_of(option)):
+        if "allowed" in metadata and value not in (allowed := words_of(option)):
             raise InputError("TXF-I50", f"unknown {option.name.replace('_', ' ')}", value=value, allowed=", ".join(allowed))
-        if "range" in told:
-            _check_number(option.name, value, *told["range"])
-        if "switch" in told and not isinstance(value, bool):
+        if "range" in metadata:
+            _check_number(option.name, value, *metadata["range"])
+        if "switch" in metadata and not isinstance(value, bool):
             raise InputError("TXF-I50", f"{option.name} is neither True nor False", value=value)
 
 
@@ -111,7 +111,7 @@ def options_of(kind: type[Options], given: Options | Mapping[str, Any] | None) -
 
 def _known_names(kind, given):
     """The dict. Raises InputError TXF-I50 where a name is no field of the class."""
-    known = [one.name for one in fields(kind)]
+    known = [option_field.name for option_field in fields(kind)]
     for name in given:
         if name not in known:
             near = get_close_matches(str(name), known, 1)
@@ -122,7 +122,7 @@ def _known_names(kind, given):
 
 def strange_options(codec: Codec) -> frozenset[str]:
     """Names of those EncodeOptions that other codecs read and this one does not."""
-    others = frozenset().union(*(one.options for one in our_codecs())) - codec.options
+    others = frozenset().union(*(other.options for other in our_codecs())) - codec.options
     return others | OF_PLANES if codec.joint else others
 
 

@@ -88,19 +88,19 @@ def warm_up() -> None:
     from .options import DecodeOptions, EncodeOptions
     from .report import Report
 
-    scene, made_of = small_scene(), {}
+    scene, texf_of = small_scene(), {}
     for codec in our_codecs():
         for settings in codec.small:
-            made = encode_loaded(scene, EncodeOptions(codec=codec.name, **settings), Report())
-            measure(scene, made)
-            texf = decode(made.data, DecodeOptions(engine="numba"))
+            encoded = encode_loaded(scene, EncodeOptions(codec=codec.name, **settings), Report())
+            measure(scene, encoded)
+            texf = decode(encoded.data, DecodeOptions(engine="numba"))
             compare_views(scene, texf, views=1, size=64, ssim=True)
             surface_distance(Mesh(scene.positions, scene.faces), Mesh(texf.positions, texf.faces), samples=100)
-            made_of[texf.fields[0].over_texels] = texf
+            texf_of[texf.fields[0].over_texels] = texf
     _simplify_small()
     for atlas in ("fast", "quality"):
-        as_glb(made_of[False], texture_size=64, atlas=atlas)
-    as_glb(made_of[True])
+        as_glb(texf_of[False], texture_size=64, atlas=atlas)
+    as_glb(texf_of[True])
 
 
 def _simplify_small():

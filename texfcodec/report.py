@@ -12,9 +12,9 @@ def no_step(done: int, total: int) -> None:
     """A Step that nobody listens to."""
 
 
-def plural(count: int, one: str, many: str) -> str:
+def plural(count: int, singular: str, many: str) -> str:
     """The count and its noun, with all that goes by it: plural(1, "face is flat", "faces are flat") is "1 face is flat"."""
-    return f"{count} {one if count == 1 else many}"
+    return f"{count} {singular if count == 1 else many}"
 
 
 class Cancelled(KeyboardInterrupt):

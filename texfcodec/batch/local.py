@@ -19,7 +19,7 @@ def run_here(tasks: Sequence[Task], workers: int, room: Path, ended: Ended) -> N
     it leaves of the folder is removed. A full disk stops the rest, and their outcome says so; Ctrl-C and SIGTERM stop all."""
     children, full = Children(), threading.Event()
 
-    def one(number, task):
+    def run_task(number, task):
         folder = room / str(number)
         if full.is_set():
             return Outcome(FULL, "the disk is full; coding did not start"), folder
@@ -31,7 +31,7 @@ def run_here(tasks: Sequence[Task], workers: int, room: Path, ended: Ended) -> N
         return outcome, folder
 
     with ThreadPoolExecutor(workers) as pool, terminated_as_interrupted():
-        waiting = {pool.submit(one, number, task): task for number, task in enumerate(tasks)}
+        waiting = {pool.submit(run_task, number, task): task for number, task in enumerate(tasks)}
         try:
             for future in as_completed(waiting):
                 outcome, folder = future.result()

@@ -36,7 +36,7 @@ NAMES = {"shell_complete": file_names}
 
 def batch_flags(option: Callable) -> Callable[[Callable], Callable]:
     """Decorator: the flags of a batch; take their values out of the choices with batch_of(). option: of an OptionGroup."""
-    told = {
+    table = {
         "batch": ("CATALOGUE", {"help": "Encode every mesh in a folder and its subfolders, or in a manifest. Requires --out.",
                                 **NAMES}),
         "batch_out": ("DIR", {"help": "Folder for streams and results.", **NAMES}),
@@ -48,7 +48,7 @@ def batch_flags(option: Callable) -> Callable[[Callable], Callable]:
     }
 
     def decorate(function):
-        for name, (metavar, keywords) in reversed(told.items()):
+        for name, (metavar, keywords) in reversed(table.items()):
             function = option(flag_of(name), name, metavar=metavar, **keywords)(function)
         return function
 
@@ -57,9 +57,9 @@ def batch_flags(option: Callable) -> Callable[[Callable], Callable]:
 
 def batch_of(choices: dict[str, Any], source: str | None, out: str | None) -> dict[str, Any] | None:
     """Takes the values of batch_flags out of the choices: as a dict, or None where no batch is asked for."""
-    asked = {name: choices.pop(name) for name in FLAGS}
-    given = [flag_of(name) for name, value in asked.items() if value is not None]
-    if asked["batch"] is None:
+    flags = {name: choices.pop(name) for name in FLAGS}
+    given = [flag_of(name) for name, value in flags.items() if value is not None]
+    if flags["batch"] is None:
         if given:
             raise click.UsageError(f"{' and '.join(given)} can only be used with --batch")
         if source is None:
@@ -67,14 +67,14 @@ def batch_of(choices: dict[str, Any], source: str | None, out: str | None) -> di
         return None
     if source is not None or out is not None:
         raise click.UsageError("--batch takes neither INPUT nor OUT.texf; --out names its folder")
-    if asked["batch_out"] is None:
+    if flags["batch_out"] is None:
         raise click.UsageError("--batch needs --out DIR")
-    if asked["jobs"] is not None and asked["scheduler"] is not None:
+    if flags["jobs"] is not None and flags["scheduler"] is not None:
         raise click.UsageError("--jobs cannot be combined with --scheduler: the cluster's threads set the number of jobs")
-    return asked
+    return flags
 
 
-def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None, dry_run: bool) -> int:
+def encode_batch(console: Console, flags: dict[str, Any], checkpoint: str | None, dry_run: bool) -> int:
     """Codes them all and returns the exit code: 0, EXIT_DIFFERS where an asset failed, EXIT_IO where the disk is full."""
     from ..batch.folders import only_run, work_room
     from ..batch.task_progress import progress
@@ -82,12 +82,12 @@ def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None
     if dry_run or checkpoint is not None:
         raise click.UsageError(f"{'--dry-run' if dry_run else '--checkpoint'} cannot be combined with --batch")
     words = words_given(click.get_current_context(), (*FLAGS, "as_json", "quiet", "dry_run"))
-    out, source = Path(asked["batch_out"]), Path(asked["batch"])
+    out, source = Path(flags["batch_out"]), Path(flags["batch"])
     passed_over = PassedOver()
     assets = read_catalogue(source, out, console.note, passed_over)
     interrupts.Talk.kept = True
     with only_run(out), work_room(out) as room:
-        batch = Batch(console, out, words, asked)
+        batch = Batch(console, out, words, flags)
         todo = [asset for asset in assets if not batch.is_finished(asset)]
         if console.quiet:
             batch.run(todo, room, lambda name, line, is_bad: None)
@@ -107,8 +107,8 @@ def encode_batch(console: Console, asked: dict[str, Any], checkpoint: str | None
 class Batch:
     """A batch at work. failed: how many assets; is_full: whether a disk was full; totals: of all assets so far."""
 
-    def __init__(self, console: Console, out: Path, words: tuple[str, ...], asked: dict[str, Any]) -> None:
-        self.console, self.out, self.words, self.asked = console, out, words, asked
+    def __init__(self, console: Console, out: Path, words: tuple[str, ...], flags: dict[str, Any]) -> None:
+        self.console, self.out, self.words, self.flags = console, out, words, flags
         self.results, self.failed, self.is_full, self.begin = Results(out), 0, False, time.perf_counter()
         self.totals = Totals()
 
@@ -131,14 +131,14 @@ class Batch:
         for asset in assets:
             if asset.error is not None:
                 self._fail(asset, asset.error)
-        workers = self.asked["jobs"] or 1
+        workers = self.flags["jobs"] or 1
         tasks = [self._task(asset, max(default_threads() // workers, 1)) for asset in self.assets.values()]
         if not tasks:
             return
-        if self.asked["scheduler"]:
+        if self.flags["scheduler"]:
             from ..batch.cluster import run_there
 
-            run_there(tasks, self.asked["scheduler"], room, self._ended, self.console.note)
+            run_there(tasks, self.flags["scheduler"], room, self._ended, self.console.note)
         else:
             self._warm_up()
             run_here(tasks, workers, room, self._ended)
@@ -158,7 +158,7 @@ class Batch:
         words = [word.replace("{", "{{").replace("}", "}}") for word in self._words(asset)]
         command = ("-m", "texfcodec.cli.enc", "{input}", "{folder}/" + STREAM, "--json", "--threads", "{threads}", *words)
         return Task(name=asset.out, commands=(("encode", command),), input=asset.path.absolute(), out=ANSWER, threads=threads,
-                    package=package_code(), memory=self.asked["memory_limit"], seconds=self.asked["limit_seconds"])
+                    package=package_code(), memory=self.flags["memory_limit"], seconds=self.flags["limit_seconds"])
 
     def _ended(self, task, outcome, folder):
         from ..batch.tasks import DONE, FULL, is_full
@@ -197,8 +197,8 @@ class Batch:
                 "package": __version__}
 
     def _fail(self, asset, error):
-        told = error.as_dict() | {"exit_code": error.exit_code} if isinstance(error, TexfError) else error
-        row = {**self._row(asset), "error": json_ready(told)}
+        fault = error.as_dict() | {"exit_code": error.exit_code} if isinstance(error, TexfError) else error
+        row = {**self._row(asset), "error": json_ready(fault)}
         self.failed += 1
         self.totals.add(row)
         try:
@@ -206,7 +206,7 @@ class Batch:
         except OSError:  # a full disk: what has failed is tried again without a line as well
             self.is_full = True
         self._tell(row)
-        self._show(asset, f"failed: {told['code']}: {told['message']}", True)
+        self._show(asset, f"failed: {fault['code']}: {fault['message']}", True)
 
     def _show(self, asset, text, is_bad):
         name = printable(asset.name)

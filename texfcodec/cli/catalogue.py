@@ -123,11 +123,11 @@ def words_of(options: dict[str, Any]) -> tuple[str, ...]:
     for name, value in options.items():
         _check(name.replace("-", "_") not in NOT_OF_AN_ASSET, f"{name} is not an option of an asset")
         values = value if isinstance(value, list) else [value]
-        _check(isinstance(value, str | int | float) or (values and all(isinstance(one, str) for one in values)),
+        _check(isinstance(value, str | int | float) or (values and all(isinstance(item, str) for item in values)),
                f"the option {name} must be text, a number, true or false, or a list of texts")
         flag = "--" + name.replace("_", "-")
-        for one in values:
-            words += [flag] if one is True else [] if one is False else [flag, str(one)]
+        for item in values:
+            words += [flag] if item is True else [] if item is False else [flag, str(item)]
     return tuple(words)
 
 
@@ -141,5 +141,5 @@ def words_given(context: click.Context, without: tuple[str, ...]) -> tuple[str, 
             continue
         value, flag = context.params[name], parameter.opts[0]
         values = value if parameter.multiple else [value]
-        words += [flag] if parameter.is_flag else [word for one in values for word in (flag, str(one))]
+        words += [flag] if parameter.is_flag else [word for item in values for word in (flag, str(item))]
     return tuple(words)

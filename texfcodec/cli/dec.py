@@ -131,9 +131,9 @@ def _save(texf, source, out, overwrite, look):
     from ..io.save import as_glb, save
 
     if out == "-":
-        data, told = as_glb(texf, **look)
+        data, losses = as_glb(texf, **look)
         write_output(out, data)
-        return {"files": []} | told
+        return {"files": []} | losses
     cleanup.last_step()
     return save(texf, out, **look, overwrite=overwrite, inputs=[] if source == "-" else [source])
 

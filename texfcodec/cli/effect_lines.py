@@ -16,23 +16,25 @@ def counted(facts: dict) -> tuple[str, str]:
     return counts, f"{8 * facts['bytes']['attributes'] / total:.3f} attribute bits per {nouns}" if total else ""
 
 
-def decision_lines(told: list[dict], channels: list[dict]) -> Iterator[str]:
-    """One line for each channel that any material in use has. told: of encoder.prepare.materials; channels: one entry for each
-    group that was coded, with its bytes, or none where nothing was."""
-    for entry in told:
+def decision_lines(decisions: list[dict], channels: list[dict]) -> Iterator[str]:
+    """Yields a line for each channel that a material in use has.
+
+    decisions: of encoder.prepare.materials; channels: an entry with its bytes for each coded group, [] before coding.
+    """
+    for entry in decisions:
         name = entry["channel"]
         counts = ", ".join(f"{decision} in {entry[decision]}" if sum(entry[d] > 0 for d in DECISIONS) > 1 else decision
                            for decision in DECISIONS if entry[decision])
-        coded = [one for one in channels if {name, f"{name}_object"} & set(one["channels"])]
+        coded = [group for group in channels if {name, f"{name}_object"} & set(group["channels"])]
         cost = f"; {_cost(name, coded)}" if coded else ""
         yield f"  {name}: {counts} ({'; '.join(entry['reasons'])}){cost}"
 
 
 def _cost(name, coded):
     """Bytes, error and milliseconds of the groups that a channel is in."""
-    together = {other for one in coded for other in one["channels"]} - {name, f"{name}_object"}
+    together = {other for group in coded for other in group["channels"]} - {name, f"{name}_object"}
     joint = f" with {', '.join(sorted(together))}" if together else ""
-    worst = [one["psnr"].get(name, one["psnr"].get(f"{name}_object")) for one in coded]
+    worst = [group["psnr"].get(name, group["psnr"].get(f"{name}_object")) for group in coded]
     errors = [value for value in worst if value is not None]
-    size, seconds = sum(one["bytes"] for one in coded), sum(one["encode_ms"] for one in coded)
+    size, seconds = sum(group["bytes"] for group in coded), sum(group["encode_ms"] for group in coded)
     return f"{size} bytes{joint}, {in_decibels(min(errors) if errors else None)}, {seconds:.0f} ms"

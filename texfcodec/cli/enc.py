@@ -159,35 +159,35 @@ def _encode(scene, options, report, out, explained=None):
     """Encodes, measures where asked, writes; returns what the stream is like. explained: as of seconds_to_explain."""
     from ..bitstream.inspect import inspect
 
-    made = encode_loaded(scene, options, report)
-    more = {} if explained is None else {"explained": _explain(scene, options, made, report, explained)}
-    psnr = made.psnr_3d
-    facts = {"bytes": made.sizes, **_sizes(scene, len(made.data)), "resolution": made.resolution, "qp": made.qp,
-             "max_error": options.max_error, **made.counts, "codec": options.codec,
-             "texels_per_voxel_edge": round(made.texels_per_voxel_edge, 3),
+    encoded = encode_loaded(scene, options, report)
+    more = {} if explained is None else {"explained": _explain(scene, options, encoded, report, explained)}
+    psnr = encoded.psnr_3d
+    facts = {"bytes": encoded.sizes, **_sizes(scene, len(encoded.data)), "resolution": encoded.resolution, "qp": encoded.qp,
+             "max_error": options.max_error, **encoded.counts, "codec": options.codec,
+             "texels_per_voxel_edge": round(encoded.texels_per_voxel_edge, 3),
              "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")}, "psnr_samples": psnr and psnr["samples"],
-             "check": made.check}
-    facts |= made.choices | more
-    for told, group in zip(facts.get("channels", []), inspect(made.data)["groups"], strict=False):
-        told["bytes"] = group["bytes"]
-    write_output(out, made.data, scene.files)  # the last that may fail
+             "check": encoded.check}
+    facts |= encoded.choices | more
+    for channel, group in zip(facts.get("channels", []), inspect(encoded.data)["groups"], strict=False):
+        channel["bytes"] = group["bytes"]
+    write_output(out, encoded.data, scene.files)  # the last that may fail
     return facts
 
 
-def _explain(scene, options, made, report, seconds):
+def _explain(scene, options, encoded, report, seconds):
     from ..encoder.explain import explain_time
     from ..metrics.psnr_3d import measure_or_warn
 
     stages = dict(report.seconds)
     with report.stage("explain"):
-        return measure_or_warn(lambda: explain_time(scene, options, made, stages, seconds or None), report)
+        return measure_or_warn(lambda: explain_time(scene, options, encoded, stages, seconds or None), report)
 
 
 def _sizes(scene, total):
     """What the scene was read from, in bytes, and how many times smaller the stream is; total: bytes of the stream, or None."""
     source = sum(scene.files.values())
-    told = {"bytes": source, "files": len(scene.files), "names": list(scene.files)}
-    return {"source": told, "ratio": total and round(source / total, 3)}
+    source_facts = {"bytes": source, "files": len(scene.files), "names": list(scene.files)}
+    return {"source": source_facts, "ratio": total and round(source / total, 3)}
 
 
 def _estimate(scene, options, report):
@@ -246,38 +246,38 @@ def _grid(resolution):
     return "texels, " if resolution is None else f"K {resolution}, "
 
 
-def _normal_lines(told):
+def _normal_lines(facts):
     """How far shading normals are off, what their unit takes and what it gains, and what became of normal maps."""
-    if "degrees" in told:
-        size, (half, most, _) = told.get("marks_bytes", 0) + told.get("normals_bytes", 0), told["degrees"]
-        rules = f"; {size} bytes of marks and residuals; rules alone: {told['rule_degrees'][1]} degrees on 95 %" if size else ""
+    if "degrees" in facts:
+        size, (half, most, _) = facts.get("marks_bytes", 0) + facts.get("normals_bytes", 0), facts["degrees"]
+        rules = f"; {size} bytes of marks and residuals; rules alone: {facts['rule_degrees'][1]} degrees on 95 %" if size else ""
         yield f"shading normals within {half} degrees on half of the surface, {most} on 95 %{rules}"
-    if told.get("turned_texels") or told.get("split_fields"):
-        apart = "; faces with other tangent frames are in separate fields" if told["split_fields"] else ""
-        yield f"normal maps converted from the file's TANGENTs to decoder frames: {told['turned_texels']} texels{apart}"
+    if facts.get("turned_texels") or facts.get("split_fields"):
+        apart = "; faces with other tangent frames are in separate fields" if facts["split_fields"] else ""
+        yield f"normal maps converted from the file's TANGENTs to decoder frames: {facts['turned_texels']} texels{apart}"
 
 
-def _support_lines(told):
+def _support_lines(supports):
     """What was chosen that was not asked for."""
-    groups = [group for group in told["groups"] if told["asked"] == "auto"]
+    groups = [group for group in supports["groups"] if supports["asked"] == "auto"]
     texels = [group for group in groups if group["chosen"] == "texels"]
     if texels:
         what = "images" if len(groups) > 1 else "image"
         yield f"{len(texels)} of {len(groups)} {what} over texels, which costs less; flat colours count as one image"
-    *others, best = (row["resolution"] for row in told.get("voxels", [{"resolution": 0}]))
+    *others, best = (row["resolution"] for row in supports.get("voxels", [{"resolution": 0}]))
     if others:
         worse = " or ".join(str(k) for k in sorted(others))
         yield f"K {best} costs less in bytes and error than K {worse}, by the encoder's estimate"
 
 
-def _mesh_lines(told):
+def _mesh_lines(sent):
     """What is sent in place of the source's mesh at the usual position bits."""
-    if "tried" not in told:
-        if "position_bits" in told:
-            yield f"position bits: {told['position_bits']}; fewer would lose more than they save"
+    if "tried" not in sent:
+        if "position_bits" in sent:
+            yield f"position bits: {sent['position_bits']}; fewer would lose more than they save"
         return
-    usual, (before, after) = told["tried"][0], told["faces"]
-    chosen = min((one for one in told["tried"] if "refused" not in one), key=lambda one: one["cost"])
+    usual, (before, after) = sent["tried"][0], sent["faces"]
+    chosen = min((tried for tried in sent["tried"] if "refused" not in tried), key=lambda tried: tried["cost"])
     if chosen is not usual:
         saved = usual["geometry_bytes"] - chosen["geometry_bytes"]
         yield (f"{after} of {before} faces, {chosen['position_bits']} position bits: {saved} bytes fewer than the source's "
@@ -328,13 +328,13 @@ def _psnr_lines(facts):
         yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']}"
 
 
-def _refinement_lines(told):
-    kept = [f for f in told.get("fields", []) if f["kept"]]
+def _refinement_lines(refinement):
+    kept = [f for f in refinement.get("fields", []) if f["kept"]]
     if kept:
         steps = ", ".join(f"{f['psnr_y_before']:.1f} to {f['psnr_y_after']:.1f}" for f in kept if f["psnr_y_after"])
-        yield f"{told['kind']} on the surface, before coding: Y {steps} dB"
-    elif told["asked"] != "off":
-        yield f"no refinement: {told['reason'] or 'the fit was not closer than the transfer'}"
+        yield f"{refinement['kind']} on the surface, before coding: Y {steps} dB"
+    elif refinement["asked"] != "off":
+        yield f"no refinement: {refinement['reason'] or 'the fit was not closer than the transfer'}"
 
 
 def _dry_lines(facts, source):

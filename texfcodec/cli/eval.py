@@ -74,24 +74,24 @@ def _open(path, options, report):
     return decode(asset, options, report) if isinstance(asset, bytes) else _named(asset, path, report)
 
 
-def _measured(scene, decoded, asked, lpips, threads, report):
-    """What the command reports beside time and warnings. asked: the values of the flags of measures."""
+def _measured(scene, decoded, flags, lpips, threads, report):
+    """What the command reports beside time and warnings. flags: the values of the flags of measures."""
     from ..geometry.mesh import Mesh
     from ..metrics.psnr_3d import measure, measure_or_warn
     from ..metrics.shaded import compare_shaded
     from ..metrics.surface_distance import surface_distance
     from ..metrics.views import NEAREST_SAMPLES, Look, compare_views, mesh_psnr_3d
 
-    views, size, mipmaps, is_mesh = asked["views"], asked["size"], asked["mipmaps"], isinstance(decoded, Scene)
+    views, size, mipmaps, is_mesh = flags["views"], flags["size"], flags["mipmaps"], isinstance(decoded, Scene)
     with report.stage("views"):
-        facts = compare_views(scene, decoded, views, size, asked["ssim"], lpips, threads=threads, look=Look(mipmaps=mipmaps),
+        facts = compare_views(scene, decoded, views, size, flags["ssim"], lpips, threads=threads, look=Look(mipmaps=mipmaps),
                               on_view=lambda n, of: report.progress("views", n, of))
     facts |= {"mipmaps": mipmaps, "shaded": None, "psnr_3d": None, "surface": None}
-    if asked["shaded"]:
+    if flags["shaded"]:
         with report.stage("shaded"):
             facts["shaded"] = compare_shaded(scene, decoded, views, size, threads, mipmaps,
                                              on_view=lambda n, of: report.progress("shaded", n, of))
-    if not asked["no_3d"]:
+    if not flags["no_3d"]:
         at_points = mesh_psnr_3d if is_mesh else measure
         with report.stage("psnr_3d"):  # as many points as a mesh can be searched for
             facts["psnr_3d"] = measure_or_warn(lambda: at_points(scene, decoded, NEAREST_SAMPLES, threads), report)
@@ -127,24 +127,24 @@ def _outline_lines(facts):
            f"lost, {outline['gained']} gained)")
 
 
-def _surface_lines(found):
-    d1, d2 = (in_decibels(found[name]["psnr"], 3) for name in ("d1", "d2"))
-    away = found["hausdorff"]
-    yield f"D1 {d1}, D2 {d2}; 10 log10(3 peak^2 / error), where peak is the longest side, {found['peak']:.6g}"
+def _surface_lines(distance):
+    d1, d2 = (in_decibels(distance[name]["psnr"], 3) for name in ("d1", "d2"))
+    away = distance["hausdorff"]
+    yield f"D1 {d1}, D2 {d2}; 10 log10(3 peak^2 / error), where peak is the longest side, {distance['peak']:.6g}"
     yield f"Hausdorff distance: {away['distance']:.6g}, {100 * away['share']:.4f} % of the diagonal"
 
 
-def _shaded_lines(found):
-    shown, union = ({name: in_decibels(value, 3) for name, value in found[kind].items()} for kind in ("psnr", "union_psnr"))
+def _shaded_lines(shaded):
+    shown, union = ({name: in_decibels(value, 3) for name, value in shaded[kind].items()} for kind in ("psnr", "union_psnr"))
     yield f"shaded PSNR: RGB {shown['rgb']}, Y {shown['y']}, YUV {shown['yuv']}"
     yield f"shaded union PSNR, on white: RGB {union['rgb']}, Y {union['y']}, YUV {union['yuv']}"
-    for name, error in found["channels"].items():
+    for name, error in shaded["channels"].items():
         words = {"dB": lambda e: in_decibels(e["psnr"]), "degrees": _angles,
                  "coverage": lambda e: f"{100 * e['lost']:.3f} % lost, {100 * e['gained']:.3f} % gained"}[error["unit"]](error)
         yield f"{name.replace('_', ' ')}: {words} at {error['samples']} points"
-    if found["normals"]:
-        yield f"shading normals: {_angles(found['normals']['with_map'])}"
-        yield f"without normal maps: {_angles(found['normals']['without_map'])}"
+    if shaded["normals"]:
+        yield f"shading normals: {_angles(shaded['normals']['with_map'])}"
+        yield f"without normal maps: {_angles(shaded['normals']['without_map'])}"
 
 
 def _angles(error):

@@ -20,22 +20,22 @@ def explain_flags(option: Callable) -> Callable[[Callable], Callable]:
 
 def seconds_to_explain(choices: dict, dry_run: bool) -> float | None:
     """Takes both flags out of choices: seconds for other settings, 0 where none are given; None where nothing was asked for."""
-    asked, seconds = choices.pop("explain_time"), choices.pop("explain_seconds")
-    if dry_run and (asked or seconds):
+    explains, seconds = choices.pop("explain_time"), choices.pop("explain_seconds")
+    if dry_run and (explains or seconds):
         raise click.UsageError("--explain-time and --dry-run cannot be combined")
-    return seconds or (0.0 if asked else None)
+    return seconds or (0.0 if explains else None)
 
 
-def explain_lines(told: dict) -> Iterator[str]:
+def explain_lines(explained: dict) -> Iterator[str]:
     """What texfcodec.encoder.explain.explain_time returns, for people: stages by their seconds, then a table of changes."""
-    total = sum(told["stages"].values()) or 1.0
-    shown = sorted(told["stages"].items(), key=lambda stage: -stage[1])
+    total = sum(explained["stages"].values()) or 1.0
+    shown = sorted(explained["stages"].items(), key=lambda stage: -stage[1])
     yield "time by stage: " + ", ".join(f"{name} {seconds:.2f} s ({100 * seconds / total:.0f} %)"
                                               for name, seconds in shown if seconds >= 0.01 * total)
-    base = told["base"]
+    base = explained["base"]
     rows = [("change", "s", "processor s", "bytes", "dB", "bytes at equal dB", "saved per extra second", ""),
             ("as requested", *_measured(base), "", "", "")]
-    for row in told["neighbours"]:
+    for row in explained["neighbours"]:
         if "reason" in row:
             rows.append((row["change"], *[""] * 6, row["reason"]))
             continue
@@ -46,9 +46,10 @@ def explain_lines(told: dict) -> Iterator[str]:
     for row in rows:
         cells = [cell.rjust(width) if i else cell.ljust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=False))]
         yield "  " + "  ".join([*cells, row[7]]).rstrip()
-    yield f"whole stream; 3D-PSNR of Y at {told['samples']} points; a warm run each; extra seconds are processor seconds"
-    if told["not_tried"]:
-        yield f"not tried within {told['budget']:.0f} s: {', '.join(told['not_tried'])}; raise --explain-seconds to try them"
+    yield f"whole stream; 3D-PSNR of Y at {explained['samples']} points; a warm run each; extra seconds are processor seconds"
+    if explained["not_tried"]:
+        settings = ", ".join(explained['not_tried'])
+        yield f"not tried within {explained['budget']:.0f} s: {settings}; raise --explain-seconds to try them"
 
 
 def _measured(row):

@@ -57,7 +57,7 @@ def file_names(context: click.Context, parameter: click.Parameter, incomplete: s
 def option_flags(kind: type, *names: str, option: Callable = click.option) -> Callable[[Callable], Callable]:
     """Decorator: a flag for each of these fields of EncodeOptions or DecodeOptions; None, or False, where it is not given.
     option: click's, or that of an OptionGroup."""
-    table = {told.name: told for told in fields(kind)}
+    table = {named.name: named for named in fields(kind)}
 
     def decorate(function):
         for name in reversed(names):
@@ -68,16 +68,16 @@ def option_flags(kind: type, *names: str, option: Callable = click.option) -> Ca
 
 
 def _keywords(option):
-    told = option.metadata
-    text = told["text"] + _default_text(option)
-    if "allowed" in told:
-        return {"type": click.Choice(list(words_of(option))), "metavar": told["metavar"], "help": text}
-    if "range" in told:
-        low, high = told["range"]
-        return {**number(low, high, text), "metavar": told["metavar"]}
-    if "switch" in told:
+    facts = option.metadata
+    text = facts["text"] + _default_text(option)
+    if "allowed" in facts:
+        return {"type": click.Choice(list(words_of(option))), "metavar": facts["metavar"], "help": text}
+    if "range" in facts:
+        low, high = facts["range"]
+        return {**number(low, high, text), "metavar": facts["metavar"]}
+    if "switch" in facts:
         return {"is_flag": True, "help": text}
-    return {"metavar": told["metavar"], "help": text, "shell_complete": file_names}
+    return {"metavar": facts["metavar"], "help": text, "shell_complete": file_names}
 
 
 def _default_text(option):

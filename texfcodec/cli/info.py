@@ -75,16 +75,16 @@ def _effect_facts(data, facts, limits):
     texf = decode_stream(data, options, report)
     sizes = {(group["field_index"], group["group_index"]): group["bytes"] for group in facts["groups"]}
     numbers = {tuple(channel.name for channel in group.channels): number for number, group in enumerate(texf.groups)}
-    channels = [told | {"bytes": sizes[told["field"], numbers[tuple(told["channels"])]]} for told in report.channels]
+    channels = [entry | {"bytes": sizes[entry["field"], numbers[tuple(entry["channels"])]]} for entry in report.channels]
     drawing = effect_times(texf, threads=options.threads) if texf.fields and len(texf.faces) else None
     return {"channels": channels, "drawing": drawing}
 
 
 def _effect_lines(facts):
     yield f"effects: {', '.join(facts['effects']) or 'none'}"
-    for told in facts["channels"]:
-        names = " + ".join(told["channels"])
-        yield f"  field {told['field']}, {names}: {told['bytes']} bytes, decoded in {told['decode_ms']:.0f} ms"
+    for entry in facts["channels"]:
+        names = " + ".join(entry["channels"])
+        yield f"  field {entry['field']}, {names}: {entry['bytes']} bytes, decoded in {entry['decode_ms']:.0f} ms"
     drawing = facts["drawing"]
     if drawing:
         yield (f"a shaded picture of {drawing['size']} x {drawing['size']}: {drawing['picture_ms']:.0f} ms; without light "

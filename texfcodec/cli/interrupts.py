@@ -66,11 +66,11 @@ def ignore() -> None:
 
 def _wait(ear):
     """The thread. Once the outcome stands an interrupt is passed over, but not a second one: who reads our output may hang."""
-    asked = 0
+    interrupts = 0
     while True:
         if _signal.SIGINT not in os.read(ear, 64):
             continue
-        asked += 1
+        interrupts += 1
         cleanup.GATE.acquire()
         if Talk.closes:
             cleanup.remove_all()
@@ -79,7 +79,7 @@ def _wait(ear):
         if not cleanup.is_finished():
             cleanup.remove_all()
             _say()
-        elif asked < 2:
+        elif interrupts < 2:
             cleanup.GATE.release()
             continue
         os._exit(EXIT_INTERRUPTED)

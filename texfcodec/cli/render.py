@@ -144,10 +144,10 @@ def _compared(named, shown, compared, choices, report):
     with report.stage("compare"):
         under = WHITE if choices["background"] == GREY else choices["background"]
         first, second = compared
-        found, heat = compare(first, second, under, choices["background"])
+        difference, heat = compare(first, second, under, choices["background"])
         panels = [*(_image(picture, choices) for picture in shown), box_down(heat, choices["anti_alias"])]
         halves = names_of_halves([(isinstance(asset, Scene), Path(path).name) for asset, path in named])
-        return found, sheet(panels, [*halves, "difference: RMS of R, G, B; teal: covered by one side "
+        return difference, sheet(panels, [*halves, "difference: RMS of R, G, B; teal: covered by one side "
                                               "only"], choices["background"])
 
 
@@ -162,13 +162,13 @@ def _lines(facts, out):
     share = 100 * facts["covered"] / facts["pixels"]
     lit = ", with lighting" if facts["shaded"] else ""
     yield f"{out}: {facts['width']} x {facts['height']} pixels, {share:.1f} % of the view covered{lit}"
-    found = facts["compare"]
-    if found and not found["pixels_both"]:
+    difference = facts["compare"]
+    if difference and not difference["pixels_both"]:
         yield "no pixel is covered by both, so there is no PSNR"
-    elif found:
-        shown = {name: in_decibels(found[name]) for name in ("psnr_rgb", "psnr_y")}
-        yield (f"PSNR over the {found['pixels_both']} pixels that both cover: RGB {shown['psnr_rgb']}, Y {shown['psnr_y']}; "
-               f"{found['pixels_only_first']} only in the first, {found['pixels_only_second']} only in the second")
+    elif difference:
+        shown = {name: in_decibels(difference[name]) for name in ("psnr_rgb", "psnr_y")}
+        yield (f"PSNR over the {difference['pixels_both']} pixels that both cover: RGB {shown['psnr_rgb']}, Y {shown['psnr_y']}; "
+               f"{difference['pixels_only_first']} only in the first, {difference['pixels_only_second']} only in the second")
     yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 

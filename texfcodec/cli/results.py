@@ -47,10 +47,11 @@ class Results:
         row = json.loads(self.lines.get(asset.out, b"{}"))
         if "stream" not in row or asset.error:
             return None
-        asked = (row.get("options"), row.get("package"), row.get("asset")) == (list(words), __version__, asset.name)
+        same_request = (row.get("options"), row.get("package"), row.get("asset")) == (list(words), __version__, asset.name)
         stream = self.out / asset.out
         try:
-            same = asked and stream.stat().st_size == row["stream"]["bytes"] and sha256_of(stream) == row["stream"]["sha256"] \
+            same = same_request and stream.stat().st_size == row["stream"]["bytes"] \
+                and sha256_of(stream) == row["stream"]["sha256"] \
                 and all(sha256_of(asset.path.parent / name) == digest for name, digest in row["files"].items())
         except (OSError, KeyError, TypeError, AttributeError):
             return None

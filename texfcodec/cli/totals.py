@@ -47,12 +47,12 @@ class Totals:
         """For --json; a PSNR of None is exact."""
         return {"assets": self.assets, "failed": self.failed,
                 "source_bytes": self.source_bytes, "stream_bytes": self.stream_bytes,
-                "psnr": {name: self._of_psnr(found) for name, found in self.psnr.items() if found},
+                "psnr": {name: self._of_psnr(values) for name, values in self.psnr.items() if values},
                 "assets_with_warnings": self.warned, "assets_with_losses": self.lossy}
 
-    def _of_psnr(self, found):
-        worst, asset = min(found)
-        return {"median": median(value for value, _ in found), "worst": worst, "worst_asset": asset, "assets": len(found)}
+    def _of_psnr(self, values):
+        worst, asset = min(values)
+        return {"median": median(value for value, _ in values), "worst": worst, "worst_asset": asset, "assets": len(values)}
 
     def _in_words(self, decibels):
         """A PSNR; nothing is called exact where assets are as they were read, without their losses."""
@@ -65,9 +65,9 @@ class Totals:
         times = f", {self.source_bytes / self.stream_bytes:.3g} times smaller" if self.stream_bytes < self.source_bytes else ""
         yield f"{self.source_bytes} bytes became {self.stream_bytes}{times}"
         read = "; of what was read, without the losses" if self.lossy else ""
-        for name, found in self.psnr.items():
-            if found:
-                of = self._of_psnr(found)
+        for name, values in self.psnr.items():
+            if values:
+                of = self._of_psnr(values)
                 middle, worst = (self._in_words(of[which]) for which in ("median", "worst"))
                 yield f"PSNR {MEASURES[name]}: median {middle}, worst {worst} ({of['worst_asset']}){read}"
         warned, lossy = (plural(count, "asset", "assets") for count in (self.warned, self.lossy))
@@ -76,6 +76,6 @@ class Totals:
 
 def losses_in_words(result: dict[str, Any]) -> str:
     """Losses and warnings of an asset, for people: "; 2 losses, the first: animation 'walk'"."""
-    told = (result.get("dropped"), "loss", "losses"), (result.get("warnings"), "warning", "warnings")
-    return "".join(f"; {plural(len(texts), one, many)}{', the first' * (len(texts) > 1)}: {texts[0]}"
-                   for texts, one, many in told if texts)
+    lists = (result.get("dropped"), "loss", "losses"), (result.get("warnings"), "warning", "warnings")
+    return "".join(f"; {plural(len(texts), singular, many)}{', the first' * (len(texts) > 1)}: {texts[0]}"
+                   for texts, singular, many in lists if texts)

@@ -47,12 +47,12 @@ def _one_rate(source, stream, point):
     from .. import EncodeOptions, Report, decode, encode_to_result
 
     options, coding, decoding = EncodeOptions(**point, measure=True), Report(), Report()
-    made = encode_to_result(source, options, coding)
-    stream.write_bytes(made.data)
-    texf = decode(made.data, report=decoding)
+    encoded = encode_to_result(source, options, coding)
+    stream.write_bytes(encoded.data)
+    texf = decode(encoded.data, report=decoding)
     with decoding.stage("save"):
         texf.save(stream.with_suffix(".glb"))
-    return {"made": made, "coding": coding.seconds, "decoding": decoding.seconds}
+    return {"encoded": encoded, "coding": coding.seconds, "decoding": decoding.seconds}
 
 
 def _table(rows):
@@ -63,17 +63,17 @@ def _table(rows):
     table = Table(title="texfcodec on the bundled sample", title_justify="left")
     table.add_column("", no_wrap=True)
     for row in rows:
-        table.add_column(_head(row["made"]), justify="right")
-    sizes = [row["made"].sizes for row in rows]
+        table.add_column(_head(row["encoded"]), justify="right")
+    sizes = [row["encoded"].sizes for row in rows]
     for kind in ("total", "geometry", "attributes", "other"):
         table.add_row(f"bytes, {kind}", *(f"{s[kind]:,}" for s in sizes))
-    counts = [row["made"].counts for row in rows]
+    counts = [row["encoded"].counts for row in rows]
     for kind in ("voxels", "texels", "fields"):
         table.add_row(kind, *(f"{c[kind]:,}" for c in counts))
     bits = [8 * s["attributes"] / (c["voxels"] + c["texels"]) for s, c in zip(sizes, counts, strict=True)]
     table.add_row("attribute bits per voxel or texel", *(f"{b:.3f}" for b in bits))
     for name, key in (("Y", "y"), ("YUV 6:1:1", "yuv611"), ("RGB", "rgb")):
-        psnr = [row["made"].psnr_3d[key] for row in rows]
+        psnr = [row["encoded"].psnr_3d[key] for row in rows]
         table.add_row(f"3D-PSNR {name}, dB", *(EXACT if v is None else f"{v:.2f}" for v in psnr))
     table.add_section()
     for stage in STAGES:
@@ -84,10 +84,10 @@ def _table(rows):
     return table
 
 
-def _head(made):
+def _head(encoded):
     """What the columns differ in: QP, and K where anything is over voxels."""
-    grid = [f"K {made.resolution}"] * (made.counts["voxels"] > 0) + ["texels"] * (made.counts["texels"] > 0)
-    return f"{' + '.join(grid)}\nQP {made.qp}"
+    grid = [f"K {encoded.resolution}"] * (encoded.counts["voxels"] > 0) + ["texels"] * (encoded.counts["texels"] > 0)
+    return f"{' + '.join(grid)}\nQP {encoded.qp}"
 
 
 if __name__ == "__main__":

@@ -213,7 +213,7 @@ def write_or_explain(path: str | PathLike) -> None:
 
 
 class _Glb:
-    """A GLB of an opaque Scene with one primitive per material. Only what the sample needs; gltf_write.py is the writer."""
+    """A GLB of an opaque Scene with one primitive per material. Only what the sample needs; io/gltf/writer.py is the writer."""
 
     _COMPONENT = {"f": (5126, "<f4"), "u": (5125, "<u4")}
     _WRAP = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}

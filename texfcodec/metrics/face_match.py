@@ -111,15 +111,15 @@ def decoded_faces(scene: Scene, texf: Texf) -> tuple[np.ndarray, np.ndarray]:
     orientation and their material; of several the last one answers."""
     here, first = _face_keys(texf.cube.to_lattice(scene.positions), scene.faces, scene.face_material)
     there, start = _face_keys(texf.lattice_positions, texf.faces, texf.face_material)
-    found, turn = np.full(len(here), -1, np.int64), np.zeros(len(here), np.int64)
+    match, turn = np.full(len(here), -1, np.int64), np.zeros(len(here), np.int64)
     if len(there):
         hashes = _hashes(there)
         order = np.argsort(hashes, kind="stable")
         place = np.searchsorted(hashes[order], _hashes(here), side="right") - 1
         face = order[np.maximum(place, 0)]
         same = (there[face] == here).all(axis=1)
-        found[same], turn[same] = face[same], (start[face[same]] - first[same]) % 3
-    return found, turn
+        match[same], turn[same] = face[same], (start[face[same]] - first[same]) % 3
+    return match, turn
 
 
 def _face_keys(lattice, faces, material):

@@ -61,13 +61,13 @@ def _points(scene, areas, share):
     """(face int64 [M], bary float64 [M, 3]): points evenly by area within each part, more of a small part than its share."""
     used = np.flatnonzero(share > 0)
     least = min(LEAST_SAMPLES, SAMPLES // len(used) + 1)
-    found = []
+    drawn = []
     for number in used:
         faces = np.flatnonzero(scene.face_material == number)
         count = max(round(share[number] * SAMPLES), least)
         face, bary = sample_surface(scene.positions, scene.faces[faces], count, areas=areas[faces])
-        found.append((faces[face], bary))
-    return np.concatenate([face for face, _ in found]), np.concatenate([bary for _, bary in found])
+        drawn.append((faces[face], bary))
+    return np.concatenate([face for face, _ in drawn]), np.concatenate([bary for _, bary in drawn])
 
 
 def _alpha(scene, samples, got):

@@ -24,8 +24,8 @@ class Pchip:
         """Values at points inside: float64 of at's shape, and [C] after it where y had columns."""
         where = np.asarray(at, np.float64)
         piece, t = self._pieces(where.reshape(-1))
-        one, first, second, third = self._powers[:, piece]
-        return (one + t * (first + t * (second + t * third))).reshape(where.shape + self._shape)
+        zeroth, first, second, third = self._powers[:, piece]
+        return (zeroth + t * (first + t * (second + t * third))).reshape(where.shape + self._shape)
 
     def integrate(self, low: float, high: float) -> np.ndarray:
         """Integral between two points inside: float64, of the shape of one value."""

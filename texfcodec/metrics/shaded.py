@@ -78,9 +78,9 @@ class Points:
 
     def __init__(self, reference: Scene, other: Scene | Texf, samples: int, threads: int) -> None:
         self.sides, self.threads = (reference, other), threads
-        asked = sample_surface(reference.positions, reference.faces, samples)
-        places = FaceMatch(reference, other, threads).find(*asked)
-        self.at = asked, (places.face, places.bary)
+        sampled = sample_surface(reference.positions, reference.faces, samples)
+        places = FaceMatch(reference, other, threads).find(*sampled)
+        self.at = sampled, (places.face, places.bary)
         self.material = reference.face_material[self.at[0][0]]
         self.rgba = [_colours(side, at, threads) for side, at in zip(self.sides, self.at, strict=True)]
         self.weight = opacity(reference.materials, self.material, self.rgba[0][:, 3]).astype(np.float64)

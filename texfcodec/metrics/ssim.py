@@ -42,9 +42,9 @@ def _add(row, weight, out):
 
 
 @kernel
-def _add_pair(one, two, weight, out):
+def _add_pair(first, second, weight, out):
     for i in range(out.shape[0]):
-        out[i] += weight * (one[i] + two[i])
+        out[i] += weight * (first[i] + second[i])
 
 
 @kernel
@@ -187,10 +187,10 @@ class _Pair:
         none = np.empty((0, 0), self.dtype)
         values, slopes = none if values is None else values, none[None] if slopes is None else slopes
 
-        def one(box):
+        def compare_band(box):
             return _compare_band(self.a, self.b, self.inside, self.taps, self.gain_x, self.gain_y, box, values, slopes)
 
-        return sum(_over(threads, one, self.boxes(0))) / self.count
+        return sum(_over(threads, compare_band, self.boxes(0))) / self.count
 
     def boxes(self, reach):
         """(top, bottom, left, right) of the bands of rows and, in them, the columns within reach of a wanted pixel."""
@@ -247,8 +247,8 @@ def ssim_gradient(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None, 
     mean = pair.compare(threads, slopes=slopes)
     gradient, step = np.zeros(pair.a.shape, pair.dtype), pair.shape[2]
 
-    def one(box):
+    def gather_band(box):
         _gather_band(pair.a, pair.b, slopes, pair.taps, (*box, step), 1.0 / pair.count, gradient)
 
-    _over(threads, one, pair.boxes(RADIUS))
+    _over(threads, gather_band, pair.boxes(RADIUS))
     return mean, gradient.reshape(pair.shape)

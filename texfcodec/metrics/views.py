@@ -70,7 +70,7 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
 
     Returns {"psnr": {"rgb", "y", "u", "v", "yuv"} in dB, "ssim", "lpips", "views", "size", "pixels", "union_psnr", "silhouette"}.
     Rendered values are rounded to 8 bits and PSNR has peak 255. psnr rgb is of the mean of the three errors, yuv of (6 Y + U + V)
-    / 8 of the mean squared errors (not of the decibels, as psnr.py's psnr_yuv611 is); None is lossless. ssim: mean over all
+    / 8 of the mean squared errors (not of the decibels, as psnr_yuv611 is); None is lossless. ssim: mean over all
     counted pixels and the RGB channels, on white; lpips: mean over views with a counted pixel, whole images on white; both None
     if not asked for. union_psnr: as psnr, over pixels that either side covers, on white. silhouette: {"lost", "gained": pixels
     that the reference alone and the other alone covers, "pixels": both together, "share": of those that either covers}.
@@ -81,12 +81,12 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
     cameras, look = _cameras(reference, views, size), look or Look()
     render_reference, render_other = renderer(reference, look), renderer(other, look)
 
-    def one(i):
+    def compare_view(i):
         return _compare(render_reference(cameras[i]), render_other(cameras[i]), ssim, lpips)
 
     seen = []
     with ThreadPoolExecutor(threads) as pool:
-        for i, view in enumerate(pool.map(one, range(views))):
+        for i, view in enumerate(pool.map(compare_view, range(views))):
             seen.append(view)
             if on_view:
                 on_view(i + 1, views)
@@ -198,11 +198,11 @@ def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, 
     reference, mesh: Scene, each with a face that has area. Returns what measure.measure returns. Errors weigh by the reference's
     alpha where the mesh has alpha. Raises ValueError for meshes without area.
     """
-    asked = SourceSamples(reference, samples, threads)
-    places = FaceMatch(reference, mesh, threads).find(asked.face, asked.bary)
+    reference_samples = SourceSamples(reference, samples, threads)
+    places = FaceMatch(reference, mesh, threads).find(reference_samples.face, reference_samples.bary)
     got = sample_source(pack_source(mesh), places.face, places.bary, threads)
     error = ColourError()
-    error.add(asked.colour[:, :3], got[:, :3], asked.colour[:, 3] / 255.0 if _has_alpha(mesh) else None)
+    error.add(reference_samples.colour[:, :3], got[:, :3], reference_samples.colour[:, 3] / 255.0 if _has_alpha(mesh) else None)
     return psnr_of(error)
 
 

@@ -56,6 +56,6 @@ def has_few_colours(colours: np.ndarray) -> bool:
     for _ in range(FEW):
         if len(left) <= most:
             break
-        found, count = np.unique(left, axis=0, return_counts=True)
-        left = left[(np.abs(left - found[count.argmax()]) > NEAR).any(axis=1)]
+        distinct, count = np.unique(left, axis=0, return_counts=True)
+        left = left[(np.abs(left - distinct[count.argmax()]) > NEAR).any(axis=1)]
     return len(left) <= most

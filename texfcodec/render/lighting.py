@@ -34,7 +34,7 @@ BLOCK = 1 << 15  # fragments at a time
 def _disturbed(ask, channel, most):
     """An asker whose answers for a channel are off by up to `most` levels, the same for the same fragments."""
 
-    def asked(names, face, bary, depth):
+    def disturbed(names, face, bary, depth):
         answers = ask(names, face, bary, depth)
         if channel in answers and len(face):
             random = np.random.default_rng([len(face), int(face[0])])
@@ -42,7 +42,7 @@ def _disturbed(ask, channel, most):
             answers[channel] = np.clip(answers[channel] + off, 0, 255)
         return answers
 
-    return asked
+    return disturbed
 
 
 class Lighting:
@@ -84,13 +84,13 @@ class Lighting:
         ask = self.maps.asker(camera, fragments.depth.max(initial=0.0), wanted, filtering)
         rows = None if self._lit[seen].all() else np.flatnonzero(self._lit[material])
 
-        def one(begin):
+        def light_block(begin):
             part = slice(begin, begin + BLOCK) if rows is None else rows[begin : begin + BLOCK]
             at = fragments.face[part], fragments.bary[part], fragments.depth[part]
             points = self._points(camera, ask if noise is None else _disturbed(ask, *noise), at, out[part])
             out[part] = expose(shade(points, self.table, self.environment), self.environment.exposure)
 
-        over_blocks(one, len(out) if rows is None else len(rows), BLOCK, threads)
+        over_blocks(light_block, len(out) if rows is None else len(rows), BLOCK, threads)
         return out
 
     def _points(self, camera, ask, at, colour):

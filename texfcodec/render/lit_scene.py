@@ -53,16 +53,16 @@ class SceneMaps:
             self._of(name).build(camera, deepest)
             if BY_NAME[name].unit == "degrees":
                 self.corner_tangent(name)
-        return lambda names, face, bary, depth: self._answers(names, lambda one: one.ask(camera, face, bary, depth))
+        return lambda names, face, bary, depth: self._answers(names, lambda textures: textures.ask(camera, face, bary, depth))
 
     def _answers(self, names, ask):
-        found = {}
+        values = {}
         out = {}
         for name in sorted(names):
-            one = self._of(name)
-            if id(one) not in found:
-                found[id(one)] = ask(one)
-            out[name] = sampled_values(name, found[id(one)])
+            textures = self._of(name)
+            if id(textures) not in values:
+                values[id(textures)] = ask(textures)
+            out[name] = sampled_values(name, values[id(textures)])
         return out
 
     def _of(self, name):
@@ -86,10 +86,10 @@ class SceneMaps:
         uv, given = scene.map_uv.get(name, scene.corner_uv), scene.corner_tangent
         if id(uv) not in self._tangents:
             has = np.zeros(len(scene.faces), bool) if given is None else np.all(np.any(given, axis=2), axis=1)
-            made = np.zeros((len(scene.faces), 3, 4), np.float32) if given is None else np.array(given, np.float32)
+            tangents = np.zeros((len(scene.faces), 3, 4), np.float32) if given is None else np.array(given, np.float32)
             if not has.all():
-                made[~has] = corner_tangents(scene.positions, scene.faces[~has], uv[~has], self.corner_normal[~has])
-            self._tangents[id(uv)] = made
+                tangents[~has] = corner_tangents(scene.positions, scene.faces[~has], uv[~has], self.corner_normal[~has])
+            self._tangents[id(uv)] = tangents
         return self._tangents[id(uv)]
 
 

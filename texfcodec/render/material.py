@@ -34,16 +34,16 @@ def shade(points: Points, table: ShadingTable, environment: Environment, threads
         build_tables()
     called = [tuple(sorted(effects & TERMS)) for effects in table.effects]
     kinds = sorted(set(called))
-    kind_of = np.array([kinds.index(one) for one in called], np.int64)
+    kind_of = np.array([kinds.index(names) for names in called], np.int64)
     which = kind_of[material] if len(kinds) > 1 else None
     for number, kind in enumerate(kinds):
         members = None if which is None else np.flatnonzero(which == number)
 
-        def one(begin, kind=frozenset(kind), members=members):
+        def shade_block(begin, kind=frozenset(kind), members=members):
             chosen = slice(begin, begin + BLOCK) if members is None else members[begin : begin + BLOCK]
             out[chosen] = _radiance(Surface(points, table, chosen), kind, environment).T
 
-        over_blocks(one, len(material) if members is None else len(members), BLOCK, threads)
+        over_blocks(shade_block, len(material) if members is None else len(members), BLOCK, threads)
     return out
 
 

@@ -132,11 +132,11 @@ def shade_field(texf: Texf, camera: Camera, fragments: Fragments, positions: np.
         chosen = np.arange(0) if which is None else np.flatnonzero(which == number)
         ask = questions.of_field(number)
 
-        def one(begin, chosen=chosen, ask=ask):
+        def shade_block(begin, chosen=chosen, ask=ask):
             place = slice(begin, begin + BLOCK) if which is None else chosen[begin : begin + BLOCK]
             out[place] = ask(fragments.face[place], fragments.bary[place], fragments.depth[place])
 
-        over_blocks(one, len(out) if which is None else len(chosen), BLOCK, threads)
+        over_blocks(shade_block, len(out) if which is None else len(chosen), BLOCK, threads)
     return out
 
 

@@ -134,9 +134,9 @@ def diffuse_transmission(surface: Surface, environment: Environment, under: np.n
     """Diffuse light [3, m] of which a share comes from behind (KHR_materials_diffuse_transmission). under: what the base gives
     back; lost: [m], reflected before it goes in; tint: [3, m] of the volume, or None."""
     light = environment.irradiance(-surface.normal)
-    for one in environment.lights:
-        behind = np.maximum(-dot(surface.normal, one.direction.astype(np.float32)), np.float32(0)) * INV_PI
-        light += behind * one.irradiance.astype(np.float32)[:, None]
+    for source in environment.lights:
+        behind = np.maximum(-dot(surface.normal, source.direction.astype(np.float32)), np.float32(0)) * INV_PI
+        light += behind * source.irradiance.astype(np.float32)[:, None]
     light *= (1 - lost) * surface.value("diffuse_transmission_colour")
     if tint is not None:
         light *= tint
@@ -166,7 +166,7 @@ def dispersed(surface: Surface, environment: Environment, ior: np.ndarray, rough
     """The sky [3, m] along rays that are refracted less in red and more in blue (KHR_materials_dispersion)."""
     half = (ior - 1) * DISPERSION_SPREAD * surface.parameter("dispersion")[0]
     iors = (np.maximum(ior - half, np.float32(1)), ior, ior + half)
-    return np.stack([environment.prefiltered(_refracted(surface, one), roughness)[c] for c, one in enumerate(iors)])
+    return np.stack([environment.prefiltered(_refracted(surface, colour_ior), roughness)[c] for c, colour_ior in enumerate(iors)])
 
 
 def _refracted(surface, ior):

@@ -67,11 +67,11 @@ class Textures:
         self.build(camera, fragments.depth.max(initial=0.0))
         out = np.empty((len(fragments.face), 4), np.float32)
 
-        def one(begin):
+        def fill_block(begin):
             part = slice(begin, begin + BLOCK)
             out[part] = self.ask(camera, fragments.face[part], fragments.bary[part], fragments.depth[part])
 
-        over_blocks(one, len(out), BLOCK, threads)
+        over_blocks(fill_block, len(out), BLOCK, threads)
         return out
 
 
@@ -86,11 +86,11 @@ class MipScenes:
         """The Scene of a level; colour: whether the images are sRGB-coded."""
         if (number, colour) not in self._scenes:
             finer = self.level(number - 1, colour)
-            made: dict[int, np.ndarray] = {}  # several textures may be one image
+            halves: dict[int, np.ndarray] = {}  # several textures may be one image
             for texture in finer.textures:
-                if id(texture.image) not in made:
-                    made[id(texture.image)] = halved(texture.image, colour)
-            textures = [replace(texture, image=made[id(texture.image)]) for texture in finer.textures]
+                if id(texture.image) not in halves:
+                    halves[id(texture.image)] = halved(texture.image, colour)
+            textures = [replace(texture, image=halves[id(texture.image)]) for texture in finer.textures]
             self._scenes[number, colour] = replace(finer, textures=textures)
         return self._scenes[number, colour]
 

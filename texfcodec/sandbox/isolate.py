@@ -51,10 +51,10 @@ class ChildAnswer:
 
     def array(self, kind: int, i: int = 0, j: int = 0, dtype: str = "u1") -> np.ndarray:
         """See Answer."""
-        found = self.arrays.get(_name(kind, i, j), np.zeros(0, dtype))
-        if found.dtype != dtype:
+        values = self.arrays.get(_name(kind, i, j), np.zeros(0, dtype))
+        if values.dtype != dtype:
             raise ValueError("kind of numbers")
-        return np.ascontiguousarray(found).reshape(-1)
+        return np.ascontiguousarray(values).reshape(-1)
 
 
 def _name(kind, i=0, j=0):

@@ -187,10 +187,10 @@ def sample_source(source: tuple, face_index: np.ndarray, bary: np.ndarray, threa
         raise IndexError("face index outside the source")
     out = np.empty((len(face_index), 4), np.float32)
 
-    def one(begin):
+    def sample_block(begin):
         part = slice(begin, begin + BLOCK)
         _sample(packed, face_index[part], bary[part], np.empty(4), out[part])
 
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(one, range(0, len(face_index), BLOCK)))
+        list(pool.map(sample_block, range(0, len(face_index), BLOCK)))
     return out

@@ -1,4 +1,4 @@
-"""What a rule of shading normals says (spec clause 8.4.1). normals.py makes normals by it."""
+"""What a rule of shading normals says (spec clause 8.4.1). geometry/shading_normals.py makes normals by it."""
 
 from __future__ import annotations
 

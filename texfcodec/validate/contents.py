@@ -74,8 +74,8 @@ class _Contents:
             self.listing.error(error, number)
             return None
 
-    def _note(self, found, number):
-        for oddity in found:
+    def _note(self, noted, number):
+        for oddity in noted:
             self.listing.oddity(oddity, number)
 
     def _decode_geometry(self, values, number):

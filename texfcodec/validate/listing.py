@@ -100,4 +100,4 @@ def _plain(value):
     text = str(value)
     if len(text) > MOST_LETTERS:
         return text[:MOST_LETTERS] + "..."
-    return [_plain(one) for one in value] if isinstance(value, list | tuple) else text
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else text

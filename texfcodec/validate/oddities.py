@@ -44,7 +44,7 @@ def of_materials(stream: Stream, geometry: bool) -> Iterator[Oddity]:
 def _of_name(name, number):
     if not name.isprintable():
         yield Oddity("TXF-W07", f"the name of material {number} has control characters", "12", value=ascii(name))
-    if any(one in name for one in SEPARATORS) or name in UPWARDS:
+    if any(separator in name for separator in SEPARATORS) or name in UPWARDS:
         yield Oddity("TXF-W08", f"the name of material {number} has a path separator or refers to a parent folder", "12",
                      value=ascii(name))
 

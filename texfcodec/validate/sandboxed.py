@@ -22,12 +22,12 @@ def validate_isolated(data: bytes, limits: Limits | None = None, threads: int = 
     limits, report = limits or Limits(), report or Report()
     try:
         with child_folder() as folder, report.stage("isolate"):
-            return _asked(bytes(data), limits, threads, report, folder)
+            return _answer_of(bytes(data), limits, threads, report, folder)
     except TexfError as error:
         return validate(data, limits, threads, report, failure=error)
 
 
-def _asked(data, limits, threads, report, folder):
+def _answer_of(data, limits, threads, report, folder):
     """What the child says. Raises StreamError, LimitError where it says nothing, or nothing that makes sense."""
     child = run_child(__name__, data, {"limits": asdict(limits), "threads": threads}, limits, folder)
     try:

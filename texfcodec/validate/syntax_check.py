@@ -87,9 +87,9 @@ def _read_unit(view, number, parsed, limits):
     if number in parsed.frames.out_of_place:
         return
     if is_passed_over(view, unit):
-        told = Oddity("TXF-W01", f"an unknown ancillary unit of {unit.stop - unit.start} bytes is skipped", "5.2",
-                      value=unit.type)
-        parsed.listing.oddity(told, number)
+        skipped = Oddity("TXF-W01", f"an unknown ancillary unit of {unit.stop - unit.start} bytes is skipped", "5.2",
+                         value=unit.type)
+        parsed.listing.oddity(skipped, number)
         parsed.checked.add(number)
         return
     lists = {UNIT_FIELD: stream.fields, UNIT_GEOMETRY: stream.geometry, UNIT_ATTRIBUTE: stream.attributes}
@@ -147,6 +147,6 @@ def _note_oddities(parsed):
         parsed.listing.oddity(oddity, numbers[UNIT_GEOMETRY][index])
 
 
-def _note(parsed, found: Iterable[Oddity], number: int):
-    for oddity in found:
+def _note(parsed, noted: Iterable[Oddity], number: int):
+    for oddity in noted:
         parsed.listing.oddity(oddity, number)

@@ -4,17 +4,31 @@ import numpy as np
 
 
 def angular_error(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None = None) -> dict:
-    """Angles in degrees between directions that belong together.
+    """Angles in degrees between corresponding directions.
 
-    ref, got: [N, 3] of any length; weights: [N] non-negative, or None for 1 each. Returns {"mean_degrees", "rms_degrees",
-    "median_degrees", "p95_degrees", "p99_degrees", "samples"}; p95 is the smallest angle that at least 95 % of the weight does
-    not exceed.
+    Parameters
+    ----------
+    ref, got : float [N, 3]
+        Directions of any length.
+    weights : float [N], optional
+        Non-negative and finite; None for 1 each.
 
-    A reference that is zero, NaN or infinite says nothing, so its pair is left out, and samples counts the others. A result that
-    is zero, NaN or infinite counts 180 degrees: a codec must not gain by writing none. The angle is atan2(|cross|, dot) of unit
-    vectors, which keeps its digits near 0 and 180 degrees, where the arc cosine loses half of them.
+    Returns
+    -------
+    dict
+        "mean_degrees", "rms_degrees", "median_degrees", "p95_degrees", "p99_degrees" and "samples". p95 is the smallest angle
+        that at least 95 % of the weight does not exceed.
 
-    Raises ValueError for shapes that do not agree, bad weights, and when no pair (or no weight) is left.
+    Raises
+    ------
+    ValueError
+        Shapes do not agree, weights are bad, or no pair or no weight is left.
+
+    Notes
+    -----
+    A pair whose reference is zero, NaN or infinite is left out; samples counts the others. A result that is zero, NaN or infinite
+    counts 180 degrees: a codec must not gain by writing none. The angle is atan2(|cross|, dot) of unit vectors, which keeps its
+    digits near 0 and 180 degrees, where the arc cosine loses half of them.
     """
     ref, got = np.asarray(ref, np.float64), np.asarray(got, np.float64)
     if ref.ndim != 2 or ref.shape[1] != 3 or ref.shape != got.shape:
@@ -37,7 +51,7 @@ def angular_error(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None =
 
 
 def _units(vectors):
-    """(unit vectors [N, 3], bool [N]: has a direction); z where there is none."""
+    """(unit vectors [N, 3], bool [N]: whether there is a direction); without a direction the vector is z."""
     largest = np.abs(vectors).max(axis=1, initial=0.0)
     valid = np.isfinite(largest) & (largest > 0)
     safe = np.where(valid[:, None], vectors, (0.0, 0.0, 1.0)) / np.where(valid, largest, 1.0)[:, None]

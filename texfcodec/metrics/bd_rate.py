@@ -7,14 +7,30 @@ from .pchip import Pchip
 
 
 def bd_rate(rate_a: ArrayLike, psnr_a: ArrayLike, rate_b: ArrayLike, psnr_b: ArrayLike) -> float:
-    """Mean rate difference of b against the anchor a, in percent; negative means that b needs less.
+    """Mean rate difference of b against the anchor a, in percent; negative if b needs less.
 
-    rate_*: bytes or bits (the unit cancels), psnr_*: dB, each [N >= 2], in any order. log(rate) is interpolated over quality by
-    PCHIP (shape preserving: no overshoot between points) and averaged over the overlap of the quality ranges. Two points make a
-    straight line.
+    Parameters
+    ----------
+    rate_a, rate_b : float [N >= 2]
+        Bytes or bits (the unit cancels), in any order.
+    psnr_a, psnr_b : float [N >= 2]
+        dB.
 
-    Raises ValueError for fewer than two points, rates that are not positive, values that are not finite (lossless points have
-    no PSNR: leave them out), quality that does not rise strictly with rate, and curves without common quality range.
+    Returns
+    -------
+    float
+        Percent.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two points; rates that are not positive; values that are not finite (lossless points have no PSNR: leave them
+        out); quality that does not rise strictly with rate; curves without a common quality range.
+
+    Notes
+    -----
+    log(rate) is interpolated over quality by PCHIP (shape preserving: no overshoot between points) and averaged over the overlap
+    of the quality ranges. Two points make a straight line.
     """
     quality_a, log_a = _curve("a", rate_a, psnr_a)
     quality_b, log_b = _curve("b", rate_b, psnr_b)
@@ -50,10 +66,30 @@ def _integral(quality, log_rate, low, high):
 
 
 def difference_at(rate_a: ArrayLike, psnr_a: ArrayLike, rate: float, psnr: float) -> float:
-    """How many percent more bytes than the curve a one point takes, at the point's own quality; negative means fewer.
+    """Rate difference in percent of one point against the curve a at the point's quality; negative if the point takes fewer
+    bytes.
 
-    rate_a, psnr_a: as of bd_rate; rate, psnr: of the point. Within the curve's quality log(rate) is interpolated by PCHIP, beyond
-    its ends it goes on along the outermost straight line, which is a guess. Raises ValueError as bd_rate.
+    Parameters
+    ----------
+    rate_a, psnr_a : float [N >= 2]
+        The curve, as of bd_rate().
+    rate, psnr : float
+        The point.
+
+    Returns
+    -------
+    float
+        Percent.
+
+    Raises
+    ------
+    ValueError
+        As bd_rate().
+
+    Notes
+    -----
+    Within the curve's quality log(rate) is interpolated by PCHIP. Beyond its ends the outermost straight line is extended, which
+    is a guess.
     """
     quality, log_rate = _curve("a", rate_a, psnr_a)
     if quality[0] <= psnr <= quality[-1]:

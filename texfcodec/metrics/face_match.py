@@ -1,8 +1,8 @@
-"""Where on another mesh the points of a source's surface are: the face and the corner weights there.
+"""Corresponding points on another mesh: the face and the barycentric coordinates there of points of a source's surface.
 
-A face that kept its corners, to the lattice, keeps its points. All other points ask the nearest point of the other mesh, so that
-meshes with moved vertices or fewer faces can be compared. Sheets that lie close to each other are told apart by the way they face
-and, in a stream, by their material, which has the source's number.
+A face whose corners are unchanged, to the lattice, keeps its points. For all other points the nearest point of the other mesh is
+taken, so that meshes with moved vertices or fewer faces can be compared. Sheets that lie close to each other are distinguished by
+the direction they face and, in a stream, by their material, which has the source's number.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ SHEETS = 4 / 500_000**0.5
 
 
 class Places(NamedTuple):
-    """face: int64 [M]; bary: float64 [M, 3]; points: float64 [M, 3], world, where a field is asked: on the other mesh.
+    """Points of a source on another mesh.
 
-    Kept faces of a stream that is all over voxels ask on the source instead, from which only the lattice's rounding parts them.
+    face: int64 [M]; bary: float64 [M, 3]; points: float64 [M, 3], world, where a field is sampled: on the other mesh. If a stream
+    is all over voxels, points of kept faces are those on the source instead; they differ by the lattice's rounding alone.
     """
 
     face: np.ndarray
@@ -40,8 +41,22 @@ class Places(NamedTuple):
 
 
 class FaceMatch:
-    """Finds points of a source on another mesh. source: Scene; other: Scene or Texf; threads. Raises InputError TXF-I70 where the
-    other has no face."""
+    """Finds points of a source on another mesh.
+
+    Parameters
+    ----------
+    source : Scene
+        The mesh whose points are given.
+    other : Scene or Texf
+        The mesh on which they are searched.
+    threads : int
+        Most threads.
+
+    Raises
+    ------
+    InputError
+        TXF-I70 if the other mesh has no face.
+    """
 
     def __init__(self, source: Scene, other: Scene | Texf, threads: int = 1) -> None:
         self.source, self.threads = Mesh(source.positions, source.faces), threads
@@ -59,7 +74,7 @@ class FaceMatch:
             self._turn, self._at_source = np.zeros(len(source.faces), np.int64), False
 
     def find(self, face: np.ndarray, bary: np.ndarray) -> Places:
-        """Where points of the source are. face: int64 [M]; bary: float64 [M, 3]."""
+        """Places of points of the source on the other mesh. face: int64 [M]; bary: float64 [M, 3]."""
         there, weights, points = self._face[face], np.empty_like(bary), np.empty_like(bary)
         kept, lost = np.flatnonzero(there >= 0), np.flatnonzero(there < 0)
         order = (np.arange(3) - self._turn[face[kept]][:, None]) % 3
@@ -88,9 +103,14 @@ class FaceMatch:
 
 
 class Sheets:
-    """Points of a mesh nearest to given ones, on the sheet that faces the same way where there is one about as near.
+    """Finds nearest points of a mesh, and prefers the sheet that faces the same way if it is about as near.
 
-    mesh: Mesh with a face; group: int64 [F] of its faces, such as their materials: a face of the same group is preferred, too.
+    Parameters
+    ----------
+    mesh : Mesh
+        With at least one face.
+    group : int64 [F], optional
+        Group of each face, such as its material: a face of the same group is preferred, too.
     """
 
     def __init__(self, mesh: Mesh, group: np.ndarray | None = None) -> None:
@@ -100,15 +120,48 @@ class Sheets:
         self._gap = float(SHEETS * half * np.sqrt(area))
 
     def find(self, points: np.ndarray, normals: np.ndarray, group: np.ndarray | None = None, threads: int = 1) -> Nearest:
-        """The points nearest to points, float64 [M, 3], of surfaces that face along normals, float64 [M, 3] of length 1 (or 0:
-        any). group: int64 [M]."""
+        """Points of the mesh nearest to given points.
+
+        Parameters
+        ----------
+        points : float64 [M, 3]
+            World.
+        normals : float64 [M, 3]
+            Directions that the surface should face, of length 1, or 0 for any.
+        group : int64 [M], optional
+            Group of each point.
+        threads : int
+            Most threads.
+
+        Returns
+        -------
+        Nearest
+            Face and barycentric coordinates of each.
+        """
         return self._points.find(points, normals, self._gap, group, threads)
 
 
 def decoded_faces(scene: Scene, texf: Texf) -> tuple[np.ndarray, np.ndarray]:
-    """(face of texf that each face of the source became int64 [F], -1 where there is none; by how many corners it is turned int64
-    [F]: corner k of the source is corner (k + turn) % 3 there). Faces are the same by their corners on the lattice, their
-    orientation and their material; of several the last one answers."""
+    """Faces of a Texf that the faces of its source became.
+
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    texf : Texf
+        Its decoded stream.
+
+    Returns
+    -------
+    face : int64 [F]
+        Face of texf for each face of the source, -1 if there is none.
+    turn : int64 [F]
+        Rotation of the corners: corner k of the source is corner (k + turn) % 3 of the decoded face.
+
+    Notes
+    -----
+    Faces are the same if their corners on the lattice, their orientation and their material are; of several the last is taken.
+    """
     here, first = _face_keys(texf.cube.to_lattice(scene.positions), scene.faces, scene.face_material)
     there, start = _face_keys(texf.lattice_positions, texf.faces, texf.face_material)
     match, turn = np.full(len(here), -1, np.int64), np.zeros(len(here), np.int64)
@@ -123,8 +176,11 @@ def decoded_faces(scene: Scene, texf: Texf) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _face_keys(lattice, faces, material):
-    """int64 [F, 4]: three packed corners, the smallest first and orientation kept, and the material; which corner was the
-    smallest, int64 [F]. lattice: int64 [V, 3]; faces: int64 [F, 3]; material: int64 [F]."""
+    """Keys int64 [F, 4] of faces, and the number of each face's smallest corner, int64 [F].
+
+    A key is three packed corners, the smallest first with the orientation kept, and the material. lattice: int64 [V, 3]; faces:
+    int64 [F, 3]; material: int64 [F].
+    """
     packed = lattice[:, 0] | lattice[:, 1] << 20 | lattice[:, 2] << 40
     keys, first = np.empty((len(faces), 4), np.int64), np.empty(len(faces), np.int64)
     keys[:, 3] = material
@@ -146,7 +202,7 @@ def _turn_corners(packed, faces, keys, first):
 
 
 def _hashes(keys):
-    """uint64 [F] of rows int64 [F, 4], because sorting rows as such makes all of it take four times as long."""
+    """Hashes uint64 [F] of rows int64 [F, 4]. Sorting the rows themselves would take decoded_faces() four times as long."""
     total = np.zeros(len(keys), np.uint64)
     for column in keys.T.astype(np.uint64):
         total = (total ^ column) * np.uint64(0xFF51AFD7ED558CCD)  # of Murmur3's finaliser; products wrap

@@ -1,4 +1,4 @@
-"""How far a decoded stream is from its source part by part: a part is what of the surface has one material."""
+"""Error of a decoded stream part by part: a part is the surface that has one material."""
 
 from __future__ import annotations
 
@@ -21,14 +21,23 @@ ROUNDING = 0.5  # levels of alpha that do not count as a change of side
 
 
 def compare_parts(scene: Scene, texf: Texf, threads: int = 1) -> dict | None:
-    """Errors of texf against the scene it was made from, at points of each part.
+    """Errors of texf against its source scene, at points of each part.
+
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    texf : Texf
+        Its decoded stream.
+    threads : int
+        Most threads.
 
     Returns
     -------
     dict or None
-        {"y", "rgb": PSNR in dB over the whole surface, by area, "alpha": the same where a material is not opaque, else absent,
-        "parts": [{"material": its number, "name", "share": of the area, "y", "rgb"}]}; a PSNR is None where there is no error.
-        Parts that the source does not show are left out; None where it shows none.
+        "y", "rgb": PSNR in dB over the whole surface, by area; "alpha": the same, if a material is not opaque; "parts":
+        [{"material": its number, "name", "share": of the area, "y", "rgb"}]. A PSNR of None means no error. Parts that the source
+        does not show are left out; None if it shows none.
     """
     areas = relative_areas(scene.positions, scene.faces)
     if not areas.sum() > 0:
@@ -58,7 +67,8 @@ def _psnr(mse):
 
 
 def _points(scene, areas, share):
-    """(face int64 [M], bary float64 [M, 3]): points evenly by area within each part, more of a small part than its share."""
+    """(face int64 [M], bary float64 [M, 3]) of points spread evenly by area within each part; small parts get more than their
+    share."""
     used = np.flatnonzero(share > 0)
     least = min(LEAST_SAMPLES, SAMPLES // len(used) + 1)
     drawn = []
@@ -80,10 +90,21 @@ def _alpha(scene, samples, got):
 
 
 def alpha_mse(reference: np.ndarray, got: np.ndarray, material: np.ndarray, materials: list[Material]) -> float:
-    """Mean squared error of alpha where it is coded. reference, got: float32 [M] 0..255; material: int64 [M] into materials.
+    """Mean squared error of alpha.
 
-    What counts under a mask is only whether the point shows, so a point on the wrong side of the cutoff is PEAK off and any other
-    is right.
+    Parameters
+    ----------
+    reference, got : float32 [M]
+        Alpha, 0..255.
+    material : int64 [M]
+        Indices into materials.
+    materials : list of Material
+        They say how alpha is used.
+
+    Returns
+    -------
+    float
+        Under a mask only visibility counts: a point on the wrong side of the cutoff is PEAK off and any other is right.
     """
     cutoff = np.array([PEAK * m.alpha_cutoff for m in materials])[material]
     masked = np.array([m.alpha_mode == ALPHA_MASK for m in materials], bool)[material]

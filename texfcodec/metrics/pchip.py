@@ -8,7 +8,15 @@ import numpy as np
 
 
 class Pchip:
-    """The curve through points (x, y). x: float64 [N >= 2], rising; y: float64 [N] or [N, C]."""
+    """The curve through points (x, y).
+
+    Parameters
+    ----------
+    x : float64 [N >= 2]
+        Rising.
+    y : float64 [N] or [N, C]
+        Values.
+    """
 
     def __init__(self, x: np.ndarray, y: np.ndarray) -> None:
         self._x = np.asarray(x, np.float64)
@@ -21,14 +29,14 @@ class Pchip:
         self._powers = np.stack([self._y[:-1], slope[:-1], (rise - slope[:-1]) / width - bend, bend / width])  # of 1, t, t^2, t^3
 
     def __call__(self, at: np.ndarray | float) -> np.ndarray:
-        """Values at points inside: float64 of at's shape, and [C] after it where y had columns."""
+        """Values float64 at points within the range of x, of the shape of at, followed by [C] if y has columns."""
         where = np.asarray(at, np.float64)
         piece, t = self._pieces(where.reshape(-1))
         zeroth, first, second, third = self._powers[:, piece]
         return (zeroth + t * (first + t * (second + t * third))).reshape(where.shape + self._shape)
 
     def integrate(self, low: float, high: float) -> np.ndarray:
-        """Integral between two points inside: float64, of the shape of one value."""
+        """Integral float64 from low to high, both within the range of x; a scalar, or [C] if y has columns."""
         begin, end = np.maximum(self._x[:-1], low), np.minimum(self._x[1:], high)
         below, above = (np.where(begin < end, bound, self._x[:-1])[:, None] - self._x[:-1, None] for bound in (begin, end))
         steps = sum(power / (n + 1) * (above ** (n + 1) - below ** (n + 1)) for n, power in enumerate(self._powers))
@@ -52,7 +60,7 @@ def _slopes(width, rise):
 
 
 def _end(width, next_width, rise, next_rise):
-    """Slope at an end, whose piece is `width` wide."""
+    """Slope at an end of the curve. width: of the last piece."""
     slope = ((2 * width + next_width) * rise - width * next_rise) / (width + next_width)
     too_steep = (np.sign(rise) != np.sign(next_rise)) & (np.abs(slope) > 3 * np.abs(rise))
     return np.where(np.sign(slope) != np.sign(rise), 0.0, np.where(too_steep, 3 * rise, slope))

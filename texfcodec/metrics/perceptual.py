@@ -1,7 +1,7 @@
 """LPIPS (Zhang et al. 2018) over AlexNet: the distance of two images in the features of a network.
 
-The package lpips carries its own linear layers but not the backbone, whose weights come from a file the user names: the
-state dict that torchvision publishes for AlexNet. Nothing is ever downloaded.
+The package lpips contains its linear layers but not the backbone, whose weights come from a file that the user names: the state
+dict that torchvision publishes for AlexNet. Nothing is ever downloaded.
 """
 
 import pickle
@@ -16,8 +16,20 @@ EXTRA = "pip install texfcodec[lpips]"
 
 
 class Lpips:
-    """Call it with two images, uint8 or float [H, W, 3] in 0..255 (at least 64 x 64), for their distance: float, 0 for equal
-    images. weights: path of the AlexNet state dict (.pth). Raises InputError TXF-I96..I98."""
+    """Function of two images: their LPIPS distance, 0 for equal images.
+
+    An image is uint8 or float [H, W, 3] in 0..255, at least 64 x 64.
+
+    Parameters
+    ----------
+    weights : str
+        Path of the AlexNet state dict (.pth).
+
+    Raises
+    ------
+    InputError
+        TXF-I96 to TXF-I98.
+    """
 
     def __init__(self, weights: str | PathLike) -> None:
         self._torch, lpips = _packages()
@@ -49,7 +61,7 @@ def _packages():
 
 
 def _read_state(torch, weights):
-    """The file's dict of tensors; it is read as data only, no code in it runs."""
+    """The dict of tensors in the file, read as data only: no code in it runs."""
     try:
         state = torch.load(weights, map_location="cpu", weights_only=True)
     except FileNotFoundError:

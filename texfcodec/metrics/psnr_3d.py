@@ -1,4 +1,4 @@
-"""3D-PSNR of a decoded stream against its source: the same surface points asked on both sides."""
+"""3D-PSNR of a decoded stream against its source: colours at the same surface points on both sides."""
 
 from __future__ import annotations
 
@@ -25,10 +25,29 @@ BLOCK = 1 << 17  # points asked at a time
 
 
 class SourceSamples:
-    """Points spread evenly by area over the source, with its colours there; ask several streams with the same ones.
+    """Points spread evenly by area over the source, with its colours there; several streams can be compared at the same points.
 
-    scene: Scene; samples: number of points; threads; seed: of where they fall; at: (face, bary) of points that were chosen
-    otherwise. face: int64 [M]; bary: float64 [M, 3]; colour: uint8-precise float32 [M, 4], 0..255.
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    samples : int
+        Number of points.
+    threads : int
+        Most threads.
+    seed : int
+        Of the random points.
+    at : (int64 [M], float64 [M, 3]), optional
+        Faces and barycentric coordinates of points that were chosen otherwise.
+
+    Attributes
+    ----------
+    face : int64 [M]
+        Faces of the points.
+    bary : float64 [M, 3]
+        Their barycentric coordinates.
+    colour : float32 [M, 4]
+        RGBA, 0..255, of the precision of uint8.
     """
 
     def __init__(self, scene: Scene, samples: int = SAMPLES, threads: int = 1, seed: int = 0,
@@ -40,19 +59,19 @@ class SourceSamples:
     def compare(self, texf: Texf) -> dict:
         """3D-PSNR of texf in dB {"y", "yuv611", "rgb", "samples"}; None means lossless.
 
-        Errors weigh by the source's alpha where texf has alpha. Raises InputError TXF-I94 where texf has alpha and no point is
-        visible, TXF-I70 where it has no face.
+        Errors are weighted by the source's alpha if texf has alpha. Raises InputError TXF-I94 if texf has alpha and no point is
+        visible, TXF-I70 if it has no face.
         """
         error = ColourError()
         error.add(self.colour[:, :3], self.answers(texf)[:, :3], self.weights(texf))
         return psnr_of(error)
 
     def weights(self, texf: Texf) -> np.ndarray | None:
-        """How much of each point the source shows, float32 [M]; None where texf has no alpha and all count alike."""
+        """Visibility of each point in the source, float32 [M]; None if texf has no alpha and all count alike."""
         return self.colour[:, 3] / 255 if texf.has_alpha else None
 
     def answers(self, texf: Texf) -> np.ndarray:
-        """What texf has at the points, float32 [M, 4], 0..255, where FaceMatch finds them on it."""
+        """Values of texf at the points that FaceMatch finds on it, float32 [M, 4], 0..255."""
         match, out = FaceMatch(self.scene, texf, self.threads), np.empty((len(self.face), 4), np.float32)
         face_field = texf.face_field
         for begin in range(0, len(self.face), BLOCK):
@@ -63,7 +82,23 @@ class SourceSamples:
 
 
 def psnr_of(error: ColourError) -> dict:
-    """3D-PSNR {"y", "yuv611", "rgb", "samples"} in dB; None means lossless. InputError TXF-I94 where nothing is visible."""
+    """3D-PSNR of an accumulated error.
+
+    Parameters
+    ----------
+    error : ColourError
+        Error over surface points.
+
+    Returns
+    -------
+    dict
+        "y", "yuv611", "rgb" in dB, None means lossless; "samples".
+
+    Raises
+    ------
+    InputError
+        TXF-I94 if no point is visible.
+    """
     if not error.weight > 0:
         raise InputError("TXF-I94", "the 3D-PSNR cannot be computed: the surface is invisible, because its alpha is 0 everywhere")
     result = json_ready(error.result())
@@ -71,7 +106,20 @@ def psnr_of(error: ColourError) -> dict:
 
 
 def measure_or_warn(measured: Callable[[], dict], report: Report) -> dict | None:
-    """What measured() returns, or None with a warning in report where no point of the source is visible."""
+    """Result of a measurement, or None with a warning if no point of the source is visible.
+
+    Parameters
+    ----------
+    measured : function () -> dict
+        The measurement.
+    report : Report
+        Gets the warning.
+
+    Returns
+    -------
+    dict or None
+        What measured() returns.
+    """
     try:
         return measured()
     except InputError as error:
@@ -82,5 +130,27 @@ def measure_or_warn(measured: Callable[[], dict], report: Report) -> dict | None
 
 
 def measure(scene: Scene, texf: Texf, samples: int = SAMPLES, threads: int = 1) -> dict:
-    """3D-PSNR of texf against scene in dB: {"y", "yuv611", "rgb", "samples"}; see SourceSamples.compare."""
+    """3D-PSNR of texf against scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    texf : Texf
+        Its decoded stream.
+    samples : int
+        Number of surface points.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    dict
+        "y", "yuv611", "rgb" in dB, None means lossless; "samples"; see SourceSamples.compare.
+
+    Raises
+    ------
+    InputError
+        TXF-I94 if no point is visible, TXF-I70 if texf has no face.
+    """
     return SourceSamples(scene, samples, threads).compare(texf)

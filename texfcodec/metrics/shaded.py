@@ -1,8 +1,9 @@
-"""How far a decoded asset is from its source in what light shows: pictures, channels, shading normals.
+"""Errors of a decoded asset in light: pictures, channels, shading normals.
 
-Pictures are those of the image metric (views.py) in the light of render/environment.py: the same orthographic cameras, so that
-the eye lies in one direction for all pixels of a view, the same pixels, the same pooling. Channels and normals are compared at
-points spread evenly over the source, asked on the same face with the same corner weights, or where face_match.py finds them.
+Pictures are those of the image metric (views.py) in the light of render/environment.py: the same orthographic cameras (so that
+the direction to the eye is the same for all pixels of a view), the same pixels, the same pooling. Channels and normals are
+compared at points spread evenly over the source: on the same face with the same barycentric coordinates, or at the points that
+face_match.py finds.
 """
 
 from __future__ import annotations
@@ -31,11 +32,27 @@ BLOCK = 1 << 16  # points asked at a time
 
 def compare_shaded(reference: Scene, other: Scene | Texf, views: int = VIEWS, size: int = SIZE, threads: int = 1,
                    mipmaps: bool = False, on_view: Callable[[int, int], object] | None = None) -> dict:
-    """Errors of other against reference in what light shows.
+    """Errors of other against reference in light.
 
-    views, size, threads, on_view: as of compare_views(); mipmaps: ask minified maps as viewers do, see views.Look. Returns
-    {"psnr", "union_psnr": of shaded pictures, as of compare_views(), "views", "size", "pixels", and what compare_channels()
-    returns}. Raises InputError TXF-I95 and TXF-I99.
+    Parameters
+    ----------
+    reference, other : Scene or Texf
+        Source and decoded asset.
+    views, size, threads, on_view
+        As of compare_views().
+    mipmaps : bool
+        Sample minified maps as viewers do, see views.Look.
+
+    Returns
+    -------
+    dict
+        "psnr", "union_psnr": of shaded pictures, as of compare_views(); "views", "size", "pixels"; and the items that
+        compare_channels() returns.
+
+    Raises
+    ------
+    InputError
+        TXF-I95 and TXF-I99.
     """
     seen = compare_views(reference, other, views, size, threads=threads, on_view=on_view,
                          look=Look(environment=DAYLIGHT, mipmaps=mipmaps))
@@ -46,12 +63,30 @@ def compare_shaded(reference: Scene, other: Scene | Texf, views: int = VIEWS, si
 def compare_channels(reference: Scene, other: Scene | Texf, samples: int = SAMPLES, threads: int = 1) -> dict:
     """Errors channel by channel, at points of the reference's surface.
 
-    Returns {"channels": {name: {"unit", "samples", ...}}, "normals": {"without_map", "with_map"} or None where no material is
-    lit, "samples"}. Channels are those that either side has a map of and light reads, at points whose material has that map in
-    either. Unit "dB": "psnr" of final values, factor included, colour sRGB-coded, peak 1 (the reference's largest where that is
-    above 1), None where they are equal; alpha of blended materials is such a channel. "degrees": as angular_error() gives them,
-    between normals with the map. "coverage": how many points of masked materials are seen in the reference alone, "lost", and in
-    the other alone, "gained", as shares of those seen in the reference. Points that the reference does not show weigh nothing.
+    Parameters
+    ----------
+    reference, other : Scene or Texf
+        Source and decoded asset.
+    samples : int
+        Number of points.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    dict
+        "channels": {name: {"unit", "samples", ...}}; "normals": {"without_map", "with_map"}, or None if no material is lit;
+        "samples".
+
+    Notes
+    -----
+    Compared are the channels that shading reads and that either side has a map of, at points whose material has that map on
+    either side. Points that the reference does not show have weight 0. The units:
+    "dB": "psnr" of final values, factor included, colour sRGB-coded; the peak is 1, or the reference's largest value if that is
+    above 1; None if they are equal. Alpha of blended materials is such a channel.
+    "degrees": as of angular_error(), between normals with the map.
+    "coverage": points of masked materials that are visible in the reference alone, "lost", and in the other alone, "gained", as
+    shares of those visible in the reference.
     """
     points = Points(reference, other, samples, threads)
     lights = Lighting(reference), Lighting(other)
@@ -73,8 +108,11 @@ def compare_channels(reference: Scene, other: Scene | Texf, samples: int = SAMPL
 
 
 class Points:
-    """Points of both sides that belong together. at: of each side (face int64 [M], bary float64 [M, 3]); rgba: of each side;
-    material: int64 [M] of the reference; weight: float64 [M], how much of a point the reference shows."""
+    """Corresponding points of both sides.
+
+    at: (face int64 [M], bary float64 [M, 3]) of each side; rgba: of each side; material: int64 [M] of the reference; weight:
+    float64 [M], visibility of each point in the reference.
+    """
 
     def __init__(self, reference: Scene, other: Scene | Texf, samples: int, threads: int) -> None:
         self.sides, self.threads = (reference, other), threads
@@ -86,7 +124,7 @@ class Points:
         self.weight = opacity(reference.materials, self.material, self.rgba[0][:, 3]).astype(np.float64)
 
     def rows_of(self, name: str, lights: tuple[Lighting, Lighting]) -> np.ndarray:
-        """Points that are shown and whose material has a map of the channel on either side."""
+        """Indices of visible points whose material has a map of the channel on either side."""
         has = np.zeros(len(self.weight), bool)
         for (face, _), light in zip(self.at, lights, strict=True):
             has |= np.array([name in m.maps for m in light.table.materials], bool)[light.face_material[face]]

@@ -85,8 +85,11 @@ def _similarity(m, gain, slope):
 
 @kernel(allocates=True)
 def _compare_row(sums, inside, gain_x, gain_y, place, values, slopes):
-    """SSIM of the wanted pixels of one row. sums: [5, n] blurred products; place: (row, first column, values a pixel). Returns
-    its sum over them; values [H, W C] and slopes [3, H, W C] are written unless they are empty."""
+    """SSIM of the wanted pixels of one row: returns its sum over them.
+
+    sums: [5, n] blurred products; place: (row, first column, values a pixel); values [H, W C] and slopes [3, H, W C] are written
+    unless they are empty.
+    """
     y, left, step = place
     m, slope, total = np.empty(5, np.float64), np.empty(3, np.float64), 0.0
     for i in range(sums.shape[1]):
@@ -160,7 +163,7 @@ def _gather_band(a, b, slopes, taps, box, share, out):
 
 
 class _Pair:
-    """Two images made ready for the kernels: flat rows, window weights, and what the border takes from the windows."""
+    """Two images prepared for the kernels: flat rows, window weights, and the gain at borders, where windows are cut off."""
 
     def __init__(self, a, b, mask):
         a, b = np.asarray(a), np.asarray(b)
@@ -218,8 +221,22 @@ def _over(threads, function, items):
 def ssim_map(a: np.ndarray, b: np.ndarray, threads: int = 1) -> np.ndarray:
     """SSIM at every pixel and channel.
 
-    a, b: uint8, float32 or float64 [H, W, C], 0..255. Returns float32 [H, W, C] (float64 for float64), at most 1.
-    Raises ValueError for shapes that do not agree or are empty.
+    Parameters
+    ----------
+    a, b : uint8, float32 or float64 [H, W, C]
+        Images, 0..255.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    float32 [H, W, C]
+        At most 1; float64 if an image is float64.
+
+    Raises
+    ------
+    ValueError
+        Shapes do not agree or are empty.
     """
     pair = _Pair(a, b, None)
     values = np.empty(pair.a.shape, pair.dtype)
@@ -228,19 +245,49 @@ def ssim_map(a: np.ndarray, b: np.ndarray, threads: int = 1) -> np.ndarray:
 
 
 def ssim(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None, threads: int = 1) -> float:
-    """Mean SSIM over channels and over the pixels of mask, the centres of their windows; outside it the images still count.
+    """Mean SSIM over channels and pixels.
 
-    a, b: uint8, float32 or float64 [H, W, C], 0..255; mask: bool [H, W] or None for all. Returns float, at most 1.
-    Raises ValueError for shapes that do not agree or are empty, and for a mask without a pixel.
+    Parameters
+    ----------
+    a, b : uint8, float32 or float64 [H, W, C]
+        Images, 0..255.
+    mask : bool [H, W], optional
+        Pixels over which the mean is taken, as centres of windows; the windows use pixels outside the mask too. None for all.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    float
+        At most 1.
+
+    Raises
+    ------
+    ValueError
+        Shapes do not agree or are empty, or the mask has no pixel.
     """
     return _Pair(a, b, mask).compare(threads)
 
 
 def ssim_gradient(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None, threads: int = 1) -> tuple[float, np.ndarray]:
-    """Mean SSIM as ssim() gives it, and its derivative by every value of b.
+    """Mean SSIM, and its derivative by every value of b.
 
-    Returns (float, float32 [H, W, C]; float64 where an image is float64). The derivative is exact, image borders included, and
-    zero further than 5 pixels from the mask.
+    Parameters
+    ----------
+    a, b, mask, threads
+        As of ssim().
+
+    Returns
+    -------
+    mean : float
+        As of ssim().
+    gradient : float32 [H, W, C]
+        Exact, image borders included, and zero further than 5 pixels from the mask; float64 if an image is float64.
+
+    Raises
+    ------
+    ValueError
+        As ssim().
     """
     pair = _Pair(a, b, mask)
     slopes = np.zeros((3, *pair.a.shape), pair.dtype)

@@ -1,9 +1,9 @@
-"""How far two surfaces are apart: D1, D2 and Hausdorff between the meshes themselves, not between clouds of their points.
+"""Distance of two surfaces: D1, D2 and Hausdorff between the meshes themselves, not between clouds of their points.
 
 The error of one way is the mean of the squared distances from points spread evenly by area over one mesh to the nearest point of
-the other mesh; D1 takes the worse of the two ways. D2 takes of each distance what lies along the source's normal. The Hausdorff
-distance is the largest of either way, at these points and at the vertices. PSNR of D1 and D2 is 10 log10(3 peak^2 / error), as
-pc_error and mpeg-pcc-mmetric (mode pcc) have it; the peak here is the longest side of the source's box.
+the other mesh; D1 takes the worse of the two ways. D2 takes the component of each distance along the source's normal. The
+Hausdorff distance is the largest of either way, at these points and at the vertices. PSNR of D1 and D2 is 10 log10(3 peak^2 /
+error), as in pc_error and mpeg-pcc-mmetric (mode pcc); the peak here is the longest side of the source's box.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ SAMPLES = 100_000
 
 
 class Way(NamedTuple):
-    """From the points of one mesh to the other: point, plane: mean squared distances, in full and along the source's normal;
-    largest: the largest distance."""
+    """Distances from the points of one mesh to the other.
+
+    point, plane: mean squared distances, in full and along the source's normal; largest: the largest distance.
+    """
 
     point: float
     plane: float
@@ -33,7 +35,10 @@ class Way(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceDistance:
-    """of_mesh: from the mesh's points to the source; of_source: back; side, diagonal: of the source's box."""
+    """Distances between a mesh and its source.
+
+    of_mesh: from the mesh's points to the source; of_source: back; side, diagonal: of the source's box.
+    """
 
     of_mesh: Way
     of_source: Way
@@ -52,12 +57,12 @@ class SurfaceDistance:
 
     @property
     def d1(self) -> float:
-        """PSNR in dB by MPEG's definition, the peak being the longest side of the box; infinite where the surfaces are equal."""
+        """PSNR in dB by MPEG's definition, whose peak is the longest side of the box; infinite if the surfaces are equal."""
         return decibels(max(self.to_source, self.from_source) / 3, self.side)
 
     @property
     def d1_side(self) -> float:
-        """d1 without the factor of 3, 4.77 dB less: what the figures of the encoder's geometry are."""
+        """d1 without the factor of 3, 4.77 dB less: the definition that the encoder's geometry figures use."""
         return decibels(max(self.to_source, self.from_source), self.side)
 
     @property
@@ -82,7 +87,24 @@ class SurfaceDistance:
 
 
 def surface_distance(source: Mesh, mesh: Mesh, samples: int = SAMPLES, seed: int = 0, threads: int = 1) -> SurfaceDistance:
-    """The distance between two meshes that have area. samples: points on each."""
+    """The distance between two meshes that have area.
+
+    Parameters
+    ----------
+    source, mesh : Mesh
+        Each with a face that has area.
+    samples : int
+        Number of points on each.
+    seed : int
+        Of the random points.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    SurfaceDistance
+        In the meshes' units.
+    """
     source, mesh = source.checked(), mesh.checked()
     box = source.positions[source.faces].reshape(-1, 3)
     extent = box.max(axis=0) - box.min(axis=0)
@@ -101,14 +123,16 @@ def surface_distance(source: Mesh, mesh: Mesh, samples: int = SAMPLES, seed: int
 
 
 def _at_vertices(start, end, threads):
-    """The largest distance of a vertex to the other mesh."""
+    """The largest distance from a vertex to the other mesh."""
     used, _ = used_vertices(start.faces, len(start.positions))
     return float(end.find(start.positions[used], threads=threads).distance.max())
 
 
 def _way(off, normals, at_vertices):
-    """off: float64 [M, 3], from a point to the nearest one; normals: of the source there, 0 where its face has no area: then all
-    of the distance counts."""
+    """Way of the vectors from points to their nearest points.
+
+    off: float64 [M, 3]; normals: of the source there, 0 if its face has no area: then the whole distance counts.
+    """
     point = (off**2).sum(axis=1)
     plane = np.where(normals.any(axis=1), (off * normals).sum(axis=1) ** 2, point)
     return Way(float(point.mean()), float(plane.mean()), max(float(np.sqrt(point.max())), at_vertices))

@@ -1,13 +1,13 @@
 """Image quality by the protocol of the MPEG mesh metric (mpeg-pcc-mmetric, mode ibsm): renders of both sides, compared.
 
-Orthographic views from Fibonacci directions span the bounding sphere of the reference's axis-aligned box. Every back face is
-culled, those of double-sided materials as well, because the protocol knows no materials. A pixel counts where both renders cover
-it. What that leaves out, where outlines differ, has figures of its own: PSNR over pixels that either covers, on white, and the
-number of those that one alone covers. Errors are pooled over all counted pixels of all views: a view in which little is seen
-weighs little. On the three textures of the basketball player for which the tool's figures are known, all fifteen agree to 0.002
-dB; without the rounding to 8 bits they are up to 0.6 dB too high.
+Orthographic views from Fibonacci directions span the bounding sphere of the reference's axis-aligned box. All back faces are
+culled, even those of double-sided materials, because the protocol knows no materials. A pixel counts if both renders cover it.
+Differences of the outlines are thus left out and have figures of their own: PSNR over pixels that either side covers, on white,
+and the number of pixels that one side alone covers. Errors are pooled over all counted pixels of all views: a view with few of
+them has little weight. On the three textures of the basketball player for which the tool's figures are known, all fifteen agree
+to 0.002 dB; without the rounding to 8 bits they are up to 0.6 dB too high.
 
-Below that stands 3D-PSNR of meshes (psnr_3d.py has that of streams).
+The second half of this module is 3D-PSNR of meshes (psnr_3d.py has that of streams).
 """
 
 from collections.abc import Callable
@@ -38,8 +38,12 @@ NEAREST_SAMPLES = 100_000  # points of 3D-PSNR where each has to look for its ne
 
 @dataclass
 class _View:
-    """What one view adds. pixels, mse: covered by both sides, and mean squared errors by plane there; lost, gained: covered by
-    the reference alone and by the other alone; outline_mse: of these, on white; ssim, lpips: None if not requested."""
+    """Errors of one view.
+
+    pixels, mse: number of pixels that both sides cover, and mean squared errors by plane there; lost, gained: number of pixels
+    that the reference alone and the other alone covers; outline_mse: errors of these, on white; ssim, lpips: None if not
+    requested.
+    """
 
     pixels: int
     mse: dict
@@ -52,8 +56,11 @@ class _View:
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """How views are drawn. environment: the light, None for the base colour as it is; mipmaps: ask minified images and fields as
-    viewers do, between two mip levels or levels of the field, and not at points alone."""
+    """Settings of the views.
+
+    environment: the light, None for the base colour as it is; mipmaps: sample minified images and fields as viewers do, between
+    two mip levels or levels of the field, instead of at points alone.
+    """
 
     environment: Environment | None = None
     mipmaps: bool = False
@@ -62,19 +69,48 @@ class Look:
 def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIEWS, size: int = SIZE, ssim: bool = False,
                   lpips: Callable[[np.ndarray, np.ndarray], float] | None = None, threads: int = 1,
                   on_view: Callable[[int, int], object] | None = None, look: Look | None = None) -> dict:
-    """Image metrics of other against reference, each a Scene or a Texf.
+    """Image metrics of other against reference.
 
-    views >= 1; size: pixels a side; ssim: compute SSIM as well; lpips: function of two uint8 images [H, W, 3], such as
-    perceptual.Lpips, or None; threads: views at a time; on_view: called with (views done, views) after each, in order; look: how
-    both are drawn, the protocol's way where it is None. The result does not depend on threads.
+    Parameters
+    ----------
+    reference, other : Scene or Texf
+        Source and decoded asset.
+    views : int
+        Number of views, at least 1.
+    size : int
+        Side of a view in pixels.
+    ssim : bool
+        Compute SSIM as well.
+    lpips : function, optional
+        Distance of two uint8 images [H, W, 3], such as perceptual.Lpips.
+    threads : int
+        Views at a time; the result does not depend on it.
+    on_view : function, optional
+        Called with (views done, views) after each, in order.
+    look : Look, optional
+        Settings of both sides' views; None for the protocol's.
 
-    Returns {"psnr": {"rgb", "y", "u", "v", "yuv"} in dB, "ssim", "lpips", "views", "size", "pixels", "union_psnr", "silhouette"}.
-    Rendered values are rounded to 8 bits and PSNR has peak 255. psnr rgb is of the mean of the three errors, yuv of (6 Y + U + V)
-    / 8 of the mean squared errors (not of the decibels, as psnr_yuv611 is); None is lossless. ssim: mean over all
-    counted pixels and the RGB channels, on white; lpips: mean over views with a counted pixel, whole images on white; both None
-    if not asked for. union_psnr: as psnr, over pixels that either side covers, on white. silhouette: {"lost", "gained": pixels
-    that the reference alone and the other alone covers, "pixels": both together, "share": of those that either covers}.
-    Raises InputError TXF-I95 and TXF-I99.
+    Returns
+    -------
+    dict
+        "psnr", "union_psnr": {"rgb", "y", "u", "v", "yuv"} in dB; "ssim", "lpips", "views", "size", "pixels", "silhouette".
+
+    Raises
+    ------
+    InputError
+        TXF-I95 and TXF-I99.
+    ValueError
+        views or size is below 1.
+
+    Notes
+    -----
+    Rendered values are rounded to 8 bits and PSNR has peak 255; None is lossless. rgb is the PSNR of the mean of the three
+    errors, yuv that of (6 Y + U + V) / 8 of the mean squared errors (not of the decibels, as psnr_yuv611 is). union_psnr is over
+    pixels that either side covers, on white.
+    ssim is the mean over all counted pixels and the RGB channels, on white. lpips is the mean over views with a counted pixel, of
+    whole images on white. Both are None if not requested.
+    silhouette: "lost", "gained": pixels that the reference alone and the other alone covers; "pixels": both together; "share": of
+    the pixels that either covers.
     """
     if views < 1 or size < 1:
         raise ValueError(f"there must be at least one view of one pixel, not {views} of {size}")
@@ -94,7 +130,7 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
 
 
 class KeptViews:
-    """Views of a reference that are drawn once, to compare several others with. As of compare_views()."""
+    """Views of a reference that are drawn once and compared with several others. Arguments are as of compare_views()."""
 
     def __init__(self, reference: Scene | Texf, views: int, size: int, look: Look) -> None:
         self._cameras, self._look, self._size = _cameras(reference, views, size), look, size
@@ -115,7 +151,7 @@ def _cameras(reference, views, size):
 
 
 def _figures(seen, views, size):
-    """What compare_views() returns, of each view's _View. Raises InputError TXF-I95."""
+    """The result of compare_views(). seen: the _View of each view. Raises InputError TXF-I95."""
     if not any(view.pixels for view in seen):
         raise InputError("TXF-I95", "no pixel of any view is covered by both sides", views=views, size=size)
     return {**_pooled([view for view in seen if view.pixels]), **_outlines(seen), "views": views, "size": size,
@@ -123,7 +159,20 @@ def _figures(seen, views, size):
 
 
 def renderer(side: Scene | Texf, look: Look) -> Callable[[Camera], Picture]:
-    """Function that draws a Scene or Texf as views are drawn: every back face is culled."""
+    """Function that draws a Scene or Texf from a camera, with all back faces culled.
+
+    Parameters
+    ----------
+    side : Scene or Texf
+        The asset.
+    look : Look
+        Light and sampling.
+
+    Returns
+    -------
+    function (Camera) -> Picture
+        Draws one view.
+    """
     side = replace(side, materials=[replace(m, double_sided=False) for m in side.materials])
     light = None if look.environment is None else Lighting(side, look.environment, look.mipmaps)
     if isinstance(side, Texf):
@@ -182,7 +231,7 @@ def _psnr(mse):
 
 
 def _outlines(seen):
-    """What _View holds of pixels that one side alone covers, over all views."""
+    """Sums of _View over all views for pixels that one side alone covers: "union_psnr" and "silhouette" of compare_views()."""
     lost, gained, both = (sum(getattr(v, name) for v in seen) for name in ("lost", "gained", "pixels"))
     union = lost + gained + both
     squares = {name: sum(v.pixels * v.mse[name] + (v.lost + v.gained) * v.outline_mse[name] for v in seen)
@@ -192,11 +241,32 @@ def _outlines(seen):
 
 
 def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, threads: int = 1) -> dict:
-    """3D-PSNR of a decoded mesh, at the points of its surface nearest to points of the reference's; where it has kept the
-    reference's vertices and faces, at the same points, because looking for them costs a mesh that is all right up to 0.3 dB.
+    """3D-PSNR of a decoded mesh.
 
-    reference, mesh: Scene, each with a face that has area. Returns what measure.measure returns. Errors weigh by the reference's
-    alpha where the mesh has alpha. Raises ValueError for meshes without area.
+    Parameters
+    ----------
+    reference, mesh : Scene
+        Source and decoded mesh, each with a face that has area.
+    samples : int
+        Number of points of the reference's surface.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    dict
+        As of psnr_3d.measure().
+
+    Raises
+    ------
+    ValueError
+        A mesh has no area.
+
+    Notes
+    -----
+    Colours are compared with those at the nearest points of the mesh. If the mesh has kept the reference's vertices and faces,
+    they are compared at the same points: the search would cost a mesh without errors up to 0.3 dB. Errors are weighted by the
+    reference's alpha if the mesh has alpha.
     """
     reference_samples = SourceSamples(reference, samples, threads)
     places = FaceMatch(reference, mesh, threads).find(reference_samples.face, reference_samples.bary)
@@ -207,14 +277,19 @@ def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, 
 
 
 def _has_alpha(scene):
-    """Whether alpha means something in it."""
+    """Whether any material uses alpha."""
     return any(m.alpha_mode != ALPHA_OPAQUE for m in scene.materials)
 
 
 class MeshColours:
-    """The colours of a mesh at its points nearest to given ones, on the sheet that faces the same way.
+    """Colours of a mesh at the points nearest to given points, on the sheet that faces the same way.
 
-    scene: Scene with a face that has area.
+    Parameters
+    ----------
+    scene : Scene
+        With a face that has area.
+    threads : int
+        Most threads.
     """
 
     def __init__(self, scene: Scene, threads: int = 1) -> None:
@@ -222,7 +297,19 @@ class MeshColours:
         self._sheets = Sheets(Mesh(scene.positions, scene.faces))
 
     def query(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Colours at world points, float64 [M, 3], of surfaces that face along normals, float64 [M, 3] of length 1 (or 0: any).
-        Returns float32 [M, 4], 0..255, sRGB-coded, straight alpha."""
+        """Colours at the nearest points.
+
+        Parameters
+        ----------
+        points : float64 [M, 3]
+            World.
+        normals : float64 [M, 3]
+            Directions that the surface should face, of length 1, or 0 for any.
+
+        Returns
+        -------
+        float32 [M, 4]
+            RGBA, 0..255, sRGB-coded, straight alpha.
+        """
         nearest = self._sheets.find(points, normals, threads=self._threads)
         return sample_source(self._source, nearest.face, nearest.bary, self._threads)

@@ -1,4 +1,4 @@
-"""What coded values mean: one table of channels (spec clause 5.3.1) and one of parameters (5.4.2), read by loader, analysis,
+"""Meanings of coded values: one table of channels (spec clause 5.3.1) and one of parameters (5.4.2), read by loader, analysis,
 transfer, syntax, codecs, fields, renderer and writers."""
 
 import math
@@ -17,8 +17,10 @@ PBR, TEXTURE_INFOS = "pbrMetallicRoughness", ("normalTexture", "occlusionTexture
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A number, or a few, that a material has for all of its surface: clause 5.4.2. extension, key: where glTF has it, "" for the
-    material itself; default: what glTF says where it is absent, in binary32."""
+    """One or a few numbers that a material has for its whole surface (clause 5.4.2).
+
+    extension, key: its place in glTF, "" for the material itself; default: glTF's value if it is absent, in binary32.
+    """
 
     name: str
     number: int
@@ -28,12 +30,23 @@ class Parameter:
 
     @property
     def count(self) -> int:
-        """How many numbers."""
+        """Number of components."""
         return len(self.default)
 
 
 def binary32(values: Iterable[float]) -> tuple[float, ...]:
-    """Numbers as a stream holds them, finite ones that it cannot hold as the largest that it can; NaN and infinity stay."""
+    """Numbers rounded to the binary32 of a stream.
+
+    Parameters
+    ----------
+    values : sequence of float
+        Any numbers.
+
+    Returns
+    -------
+    tuple of float
+        Finite numbers beyond the range become the largest number in it; NaN and infinity are kept.
+    """
     return tuple(float(np.float32(v if math.isinf(v) else min(max(v, -LARGEST), LARGEST))) for v in values)
 
 
@@ -82,12 +95,14 @@ EXTENSIONS = frozenset(parameter.extension for parameter in PARAMETERS) - {"", P
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """One meaning of values. semantic, components: as in the stream's channel groups; srgb: whether values are sRGB-coded colour;
-    extension, slot: the glTF texture that it comes from and goes back to; columns: which of that image's red, green, blue and
-    alpha (0..3) its components are; parameter: what its values are multiplied with, "" where the factor is in the values (base
-    colour) or is none; unit: how its error is told, "dB" or "degrees"; over: "texels" or "voxels" where the values mean something
-    on these supports alone, "" for both; weight: what a squared error of its values does to a shaded picture, as a multiple of
-    what it does in base colour (docs/design/materials.md)."""
+    """One meaning of values.
+
+    semantic, components: as in the stream's channel groups; srgb: whether values are sRGB-coded colour; extension, slot: the glTF
+    texture of the channel; columns: its components in that image, 0..3 for red, green, blue and alpha; parameter: the factor of
+    its values, "" if the factor is in the values (base colour) or there is none; unit: of its error, "dB" or "degrees"; over:
+    "texels" or "voxels" if the values are defined on this support alone, "" for both; weight: effect of a squared error of its
+    values on a shaded picture, as a multiple of the effect in base colour (docs/design/materials.md).
+    """
 
     name: str
     semantic: int
@@ -103,7 +118,7 @@ class Channel:
 
     @property
     def material_name(self) -> str:
-        """The channel as a material knows it, which does not say over what its values are."""
+        """The channel's name in a material, which is the same for both supports."""
         return self.name.removesuffix(_OBJECT)
 
 
@@ -118,13 +133,13 @@ def _colour(semantic: int, name: str, extension: str, slot: str, parameter: str 
 
 def _scalar(semantic: int, name: str, extension: str, slot: str, columns: tuple[int, ...], weight: float = 1.0,
             parameter: str | None = None) -> Channel:
-    """One component; its parameter has its name, but for what is said."""
+    """A channel of one component; its parameter has its name unless another is given."""
     return Channel(semantic=semantic, name=name, components=1, extension=extension, slot=slot, columns=columns,
                    parameter=name if parameter is None else parameter, weight=weight)
 
 
 def _normal(semantic: int, name: str, extension: str, slot: str, over: str, weight: float) -> Channel:
-    """Over voxels the parameter is in the values."""
+    """A channel of normals; over voxels the parameter is in the values."""
     planar = over == "texels"
     return Channel(semantic=semantic, name=name if planar else name + _OBJECT, components=2 if planar else 3, extension=extension,
                    slot=slot, columns=_RGB[:2] if planar else _RGB, parameter=f"{name}_scale" if planar else "", unit="degrees",
@@ -174,31 +189,91 @@ SHEETS = (("base_colour", "alpha"), ("occlusion", "roughness", "metallic"), ("no
 
 
 def channel_over(name: str, planar: bool) -> Channel:
-    """The channel that holds a material's channel `name` in a field over texels (planar) or voxels."""
+    """The channel that holds a material's channel in a field.
+
+    Parameters
+    ----------
+    name : str
+        The channel's name in a material.
+    planar : bool
+        Whether the field is over texels, not voxels.
+
+    Returns
+    -------
+    Channel
+        An entry of the table.
+    """
     channel = BY_NAME[name]
     return BY_NAME[name + _OBJECT] if channel.over == "texels" and not planar else channel
 
 
 def channels_of(groups: Iterable[dict]) -> tuple[tuple[Channel, ...], ...]:
-    """The channels of each of a stream's channel groups. groups: syntax values, already checked."""
+    """Channels of each of a stream's channel groups.
+
+    Parameters
+    ----------
+    groups : list of dict
+        Syntax values, already checked.
+
+    Returns
+    -------
+    tuple of tuple of Channel
+        A tuple for each group.
+    """
     return tuple(tuple(CHANNELS[semantic] for semantic in group["group_semantics"]) for group in groups)
 
 
 def group_values(channels: Sequence[Channel], grey: bool = False) -> dict:
-    """Syntax values of a channel group (5.3.1). grey: whether one component stands for all of its one channel's."""
+    """Syntax values of a channel group (5.3.1).
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+        The group's channels.
+    grey : bool
+        Whether one component stands for all components of its only channel.
+
+    Returns
+    -------
+    dict
+        By the names of the syntax table.
+    """
     components = 1 if grey else sum(channel.components for channel in channels)
     return {"num_semantics": len(channels), "group_semantics": [channel.semantic for channel in channels],
             "group_components": components}
 
 
 def needs_alpha(materials: Iterable) -> bool:
-    """Whether a material in use sees alpha."""
+    """Whether a material in use reads alpha.
+
+    Parameters
+    ----------
+    materials : iterable of Material
+        Those in use.
+
+    Returns
+    -------
+    bool
+        True if any is masked or blended.
+    """
     return any(material.alpha_mode != ALPHA_OPAQUE for material in materials)
 
 
 def join_planes(planes: dict, count: int) -> np.ndarray:
-    """RGBA uint8 [count, 4] of the planes of base colour and alpha, uint8 [count, C], among planes by channel name; columns that
-    none of them gives are FULL."""
+    """RGBA of the planes of base colour and alpha.
+
+    Parameters
+    ----------
+    planes : dict of str to uint8 [count, C]
+        By channel name; other channels are ignored.
+    count : int
+        Number of places.
+
+    Returns
+    -------
+    uint8 [count, 4]
+        Columns without a plane are FULL.
+    """
     out = np.full((count, COLUMNS), FULL, np.uint8)
     for channel in COLOURS:
         if channel.name in planes:

@@ -1,5 +1,4 @@
-"""What a renderer has to evaluate: one table of effects (docs/design/materials.md), which syntax, analysis and
-renderer read."""
+"""Material effects that a renderer evaluates: one table (docs/design/materials.md), which syntax, analysis and renderer read."""
 
 from __future__ import annotations
 
@@ -17,20 +16,22 @@ ALPHA_MASK, ALPHA_BLEND = 1, 2
 
 @dataclass(frozen=True)
 class Condition:
-    """What a material has to be: as text for the documents, and as code."""
+    """A condition on a material: text for the documents, and code."""
 
     text: str
     holds: Callable[[Material], bool]
 
     def __call__(self, material: Material) -> bool:
-        """Whether it holds."""
+        """Whether the material fulfils it."""
         return self.holds(material)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One effect. used: whether a material needs it; channels: those whose maps it
-    reads; parameters: what else it reads."""
+    """One effect.
+
+    used: whether a material needs it; channels: those whose maps it reads; parameters: the parameters that it reads.
+    """
 
     name: str
     bit: int
@@ -45,7 +46,20 @@ class Effect:
 
 
 def parameter(material: Material, name: str) -> tuple[float, ...]:
-    """A material's parameter, or its default."""
+    """A material's parameter, or its default.
+
+    Parameters
+    ----------
+    material : Material
+        Holds the parameters that are not the default.
+    name : str
+        Of a row of channels.PARAMETERS.
+
+    Returns
+    -------
+    tuple of float
+        Its components.
+    """
     return material.parameters.get(name, PARAMETER_BY_NAME[name].default)
 
 
@@ -114,13 +128,36 @@ EFFECT_OF = {name: effect for effect in EFFECTS for name in effect.channels}  # 
 
 
 def effects_of(material: Material) -> tuple[Effect, ...]:
-    """What a material needs."""
+    """Effects that a material needs.
+
+    Parameters
+    ----------
+    material : Material
+        Its maps, parameters and alpha mode decide.
+
+    Returns
+    -------
+    tuple of Effect
+        In the order of the table.
+    """
     return tuple(effect for effect in EFFECTS if effect.used(material))
 
 
 def without(material: Material, effect: Effect) -> Material:
-    """A copy of a material with no map and no parameter that an effect reads; glTF's default is all metal, so that
-    without metal a factor of 0 has to say so."""
+    """A copy of a material without the maps and parameters that an effect reads.
+
+    Parameters
+    ----------
+    material : Material
+        Stays as it is.
+    effect : Effect
+        The effect to take out.
+
+    Returns
+    -------
+    Material
+        Without metal its metallic factor is an explicit 0, because glTF's default is all metal.
+    """
     maps = {name: texture for name, texture in material.maps.items() if name not in effect.channels}
     parameters = {name: value for name, value in material.parameters.items() if name not in effect.parameters}
     bare = replace(material, maps=maps, parameters=parameters)
@@ -130,7 +167,18 @@ def without(material: Material, effect: Effect) -> Material:
 
 
 def effects_mask(materials: Iterable[Material]) -> int:
-    """The bits of all that materials need together."""
+    """Bits of the effects that any of the materials needs.
+
+    Parameters
+    ----------
+    materials : iterable of Material
+        Any number.
+
+    Returns
+    -------
+    int
+        The bitwise or of Effect.mask.
+    """
     mask = 0
     for material in materials:
         for effect in effects_of(material):
@@ -139,5 +187,16 @@ def effects_mask(materials: Iterable[Material]) -> int:
 
 
 def in_words(mask: int) -> list[str]:
-    """Names of the effects whose bits are set."""
+    """Names of the effects whose bits are set.
+
+    Parameters
+    ----------
+    mask : int
+        As of effects_mask().
+
+    Returns
+    -------
+    list of str
+        In the order of the table.
+    """
     return [effect.name for effect in EFFECTS if mask & effect.mask]

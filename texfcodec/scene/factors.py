@@ -1,4 +1,5 @@
-"""Factors: a map of one value is what a material's parameter can say, and a value is what a map and its factor say together."""
+"""Factors of maps: a map of one value is equivalent to a parameter of its material, and a final value is a map's value times its
+factor."""
 
 from __future__ import annotations
 
@@ -13,12 +14,35 @@ NEUTRAL = {"anisotropy": (255.0, FLAT, 255.0)}  # values, but 255, of a map that
 
 
 def factor_of(parameters: dict, name: str) -> tuple[float, ...]:
-    """A parameter among those of a material that are not the default."""
+    """A parameter of a material.
+
+    Parameters
+    ----------
+    parameters : dict
+        Those that are not the default, by name.
+    name : str
+        Of a row of channels.PARAMETERS.
+
+    Returns
+    -------
+    tuple of float
+        Its value, or the default.
+    """
     return parameters.get(name, PARAMETER_BY_NAME[name].default)
 
 
 def set_factor(parameters: dict, name: str, value: tuple[float, ...]) -> None:
-    """Puts a parameter's value among those that are not the default, as a stream holds it, in binary32."""
+    """Stores a parameter, in the binary32 of a stream, or removes it if it is the default.
+
+    Parameters
+    ----------
+    parameters : dict
+        Those that are not the default, by name; changed.
+    name : str
+        Of a row of channels.PARAMETERS.
+    value : sequence of float
+        Its components.
+    """
     value = tuple(float(np.float32(v)) for v in value)
     parameters.pop(name, None)
     if value != PARAMETER_BY_NAME[name].default:
@@ -26,7 +50,20 @@ def set_factor(parameters: dict, name: str, value: tuple[float, ...]) -> None:
 
 
 def says_nothing(channel: Channel, value: np.ndarray) -> bool:
-    """Whether a map of one value, float64 [C] in 0..255, is as good as none, within TOLERANCE. channel: as materials name it."""
+    """Whether a map of one value has no effect, within TOLERANCE.
+
+    Parameters
+    ----------
+    channel : Channel
+        As in a material: over texels.
+    value : float64 [C]
+        0..255.
+
+    Returns
+    -------
+    bool
+        True if the map can be left out.
+    """
     if channel.unit == "degrees":
         return bool(np.abs(value - FLAT).max() <= TOLERANCE)
     neutral = np.array(NEUTRAL.get(channel.name, (255.0,) * channel.components))
@@ -34,8 +71,22 @@ def says_nothing(channel: Channel, value: np.ndarray) -> bool:
 
 
 def absorb(parameters: dict, channel: Channel, value: np.ndarray) -> bool:
-    """Brings a map's one value, float64 [C] in 0..255, into the parameters, or leaves it out where it says nothing: whether that
-    can be done. channel: as a material names it."""
+    """Merges a map of one value into the parameters, or drops it if it has no effect.
+
+    Parameters
+    ----------
+    parameters : dict
+        Those that are not the default, by name; changed.
+    channel : Channel
+        As in a material: over texels.
+    value : float64 [C]
+        0..255.
+
+    Returns
+    -------
+    bool
+        Whether that was possible.
+    """
     name = channel.name
     if says_nothing(channel, value):
         return True
@@ -52,20 +103,58 @@ def absorb(parameters: dict, channel: Channel, value: np.ndarray) -> bool:
 
 
 def neutral_values(name: str) -> tuple[float, ...]:
-    """Values 0..255 of a map, of a channel as a material names it, that says as much as none."""
+    """Values of a map that has no effect.
+
+    Parameters
+    ----------
+    name : str
+        Of the channel, as in a material.
+
+    Returns
+    -------
+    tuple of float
+        0..255, one for each component.
+    """
     channel = BY_NAME[name]
     return (FLAT,) * channel.components if channel.unit == "degrees" else NEUTRAL.get(name, (255.0,) * channel.components)
 
 
 def linear_values(name: str, values: np.ndarray) -> np.ndarray:
-    """A map's values, float32 [M, C] in 0..255, as 0..1, linear."""
+    """A map's values as linear light or data.
+
+    Parameters
+    ----------
+    name : str
+        Of the channel.
+    values : float32 [M, C]
+        0..255.
+
+    Returns
+    -------
+    float32 [M, C]
+        0..1, linear.
+    """
     share = values / np.float32(255)
     return srgb_to_linear(share).astype(np.float32) if BY_NAME[name].srgb else share
 
 
 def with_factor(name: str, share: np.ndarray, factor: np.ndarray | None) -> np.ndarray:
-    """What a material has where its map of a channel has share, float32 [M, C], linear, 0..1. factor: float32 [M, c] or [c] of
-    the channel's parameter, None where it has none. Occlusion is mixed with 1; of anisotropy only the strength has a factor."""
+    """Final values: those of a map times the factor of its channel.
+
+    Parameters
+    ----------
+    name : str
+        Of the channel.
+    share : float32 [M, C]
+        The map's values, linear, 0..1.
+    factor : float32 [M, c] or [c], optional
+        Of the channel's parameter; None if it has none.
+
+    Returns
+    -------
+    float32 [M, C]
+        Occlusion is mixed with 1 instead; of anisotropy only the strength is multiplied.
+    """
     if factor is None:
         return share
     if name == "occlusion":

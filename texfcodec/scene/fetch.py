@@ -1,4 +1,5 @@
-"""The source at surface points: bilinear texture, wrap mode, and base colour with factor and vertex colour, as glTF has them."""
+"""Colours and maps of the source at surface points: bilinear texture, wrap mode, and base colour with factor and vertex colour,
+as in glTF."""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -16,9 +17,12 @@ BLOCK = 1 << 16
 
 
 class PackedSource(NamedTuple):
-    """Images on a surface as flat arrays for the kernels. texels: uint8 [T, 4]; textures: int64 [n, 5] (offset, width, height,
-    wrap s, wrap t); material_texture: int64 [m]; factor: float64 [m, 4]; opaque: uint8 [m]; face_material: int64 [F]; corner_uv:
-    float64 [F, 3, 2]; corner_colour: float32 [F or 0, 3, 4]; to_linear, to_srgb: both curves, float64."""
+    """Images on a surface as flat arrays for the kernels.
+
+    texels: uint8 [T, 4]; textures: int64 [n, 5] (offset, width, height, wrap s, wrap t); material_texture: int64 [m]; factor:
+    float64 [m, 4]; opaque: uint8 [m]; face_material: int64 [F]; corner_uv: float64 [F, 3, 2]; corner_colour: float32 [F or 0, 3,
+    4]; to_linear, to_srgb: both curves, float64.
+    """
 
     texels: np.ndarray
     textures: np.ndarray
@@ -36,7 +40,20 @@ UV_OF_SOURCE = PackedSource._fields.index("corner_uv")
 
 
 def pack_source(scene: Scene, faces: np.ndarray | None = None) -> PackedSource:
-    """The scene's base colour. faces: indices of the scene's faces to keep, int64 [F], or None for all."""
+    """The scene's base colour as flat arrays.
+
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    faces : int64 [F], optional
+        Indices of the faces to keep; None for all.
+
+    Returns
+    -------
+    PackedSource
+        For sample_source().
+    """
     colour = np.zeros((0, 3, 4), np.float32) if scene.corner_color is None else scene.corner_color[_rows(faces)]
     factor = np.array([m.factor for m in scene.materials], np.float64).reshape(-1, 4)
     opaque = np.array([m.alpha_mode == ALPHA_OPAQUE for m in scene.materials], np.uint8)
@@ -44,8 +61,23 @@ def pack_source(scene: Scene, faces: np.ndarray | None = None) -> PackedSource:
 
 
 def pack_map(scene: Scene, name: str, faces: np.ndarray | None = None) -> PackedSource:
-    """The map of a channel (channels.MAPS) as pack_source() gives base colour: values without factors, 255 where a material has
-    no map; the channel's components stand in its columns, and in the first where that is alpha."""
+    """The map of a channel as flat arrays, as pack_source() for base colour.
+
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    name : str
+        One of channels.MAPS.
+    faces : int64 [F], optional
+        Indices of the faces to keep; None for all.
+
+    Returns
+    -------
+    PackedSource
+        Values without factors, 255 if a material has no map. The channel's components are in its columns; a component in alpha is
+        in the first column.
+    """
     count = len(scene.materials)
     plain = np.ones((count, 4)), np.ones(count, np.uint8), np.zeros((0, 3, 4), np.float32)
     spread = BY_NAME[name].columns == (3,)
@@ -54,14 +86,37 @@ def pack_map(scene: Scene, name: str, faces: np.ndarray | None = None) -> Packed
 
 
 def map_columns(name: str) -> list[int]:
-    """Where pack_map() has the components of a channel."""
+    """Columns of pack_map() that hold the components of a channel.
+
+    Parameters
+    ----------
+    name : str
+        One of channels.MAPS.
+
+    Returns
+    -------
+    list of int
+        0..3, one for each component.
+    """
     columns = BY_NAME[name].columns
     return [0] if columns == (3,) else list(columns)
 
 
 def values_of_map(name: str, texels: np.ndarray) -> np.ndarray:
-    """A channel's values of texels of its image. texels: uint8 or float32 [..., 4]. Returns float32 [..., C] in 0..255; normals
-    have been made unit vectors, of which x and y are kept."""
+    """A channel's values from texels of its image.
+
+    Parameters
+    ----------
+    name : str
+        One of channels.MAPS.
+    texels : uint8 or float32 [..., 4]
+        RGBA, 0..255.
+
+    Returns
+    -------
+    float32 [..., C]
+        0..255. Normals are scaled to length 1, and x and y of them are returned.
+    """
     if BY_NAME[name].unit != "degrees":
         return np.ascontiguousarray(texels[..., list(BY_NAME[name].columns)], np.float32)
     vector = texels[..., :3].astype(np.float32) / FLAT - 1
@@ -72,7 +127,20 @@ def values_of_map(name: str, texels: np.ndarray) -> np.ndarray:
 
 
 def sampled_values(name: str, sampled: np.ndarray) -> np.ndarray:
-    """A channel's values, as values_of_map() has them, of what sample_source() found in its pack_map(), float32 [M, 4]."""
+    """A channel's values from samples of its packed map.
+
+    Parameters
+    ----------
+    name : str
+        One of channels.MAPS.
+    sampled : float32 [M, 4]
+        sample_source() of the channel's pack_map().
+
+    Returns
+    -------
+    float32 [M, C]
+        As of values_of_map().
+    """
     return values_of_map(name, sampled) if BY_NAME[name].unit == "degrees" else sampled[:, map_columns(name)]
 
 
@@ -81,8 +149,11 @@ def _rows(faces):
 
 
 def _pack(scene, faces, texture_of, corner_uv, plain, spread=False):
-    """A source of the images that materials have. texture_of: index by material, -1 for none; plain: (factor, opaque, corner
-    colours); spread: whether alpha takes the place of the other columns."""
+    """PackedSource of the materials' images.
+
+    texture_of: index by material, -1 for none; plain: (factor, opaque, corner colours); spread: whether alpha replaces the other
+    columns.
+    """
     factor, opaque, colour = plain
     used = sorted({t for t in texture_of if t >= 0})
     images: dict[int, np.ndarray] = {}
@@ -170,7 +241,7 @@ def _source_at(source, f, b0, b1, b2, out):
 
 @kernel
 def _sample(source, face_index, bary, rgba, out):
-    """Source RGBA of points into out float32 [M, 4]. rgba: float64 [4], room for one."""
+    """Source RGBA of points into out float32 [M, 4]. rgba: float64 [4], scratch space for one point."""
     for i in range(face_index.shape[0]):
         _source_at(source, face_index[i], bary[i, 0], bary[i, 1], bary[i, 2], rgba)
         for c in range(4):
@@ -178,9 +249,28 @@ def _sample(source, face_index, bary, rgba, out):
 
 
 def sample_source(source: tuple, face_index: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
-    """Source colours. source: PackedSource, or its arrays; face_index: int64 [M] below its face count; bary: float64 [M, 3].
+    """Source colours at points of faces.
 
-    Returns float32 [M, 4], 0..255. Raises IndexError for a face index out of range.
+    Parameters
+    ----------
+    source : PackedSource or tuple
+        Of pack_source() or pack_map(), or its arrays.
+    face_index : int64 [M]
+        Below the source's face count.
+    bary : float64 [M, 3]
+        Barycentric coordinates.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    float32 [M, 4]
+        0..255.
+
+    Raises
+    ------
+    IndexError
+        A face index is out of range.
     """
     packed = PackedSource(*source)  # one type, so that the kernel is compiled once
     if len(face_index) and (face_index.min() < 0 or face_index.max() >= len(packed.face_material)):

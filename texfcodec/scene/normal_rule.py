@@ -1,4 +1,4 @@
-"""What a rule of shading normals says (spec clause 8.4.1). geometry/shading_normals.py makes normals by it."""
+"""The rule by which shading normals are derived (spec clause 8.4.1); geometry/shading_normals.py applies it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ _KIND_NAMES = ("faces joined over edges", "faces joined over edges that are not 
 
 
 class NormalRule(NamedTuple):
-    """kind: a corner's normal is the mean over the faces around its vertex that it reaches over edges at which faces are within
-    the angle (JOINED) and that the stream does not mark as sharp (MARKED), or it is in the stream (CODED, which has no weight).
-    weight: AREA of a face, ANGLE of its corner at the vertex, or BOTH as a product. angle: whole degrees 0..180; 0 is flat."""
+    """How a corner's normal is derived from the faces around its vertex.
+
+    kind: JOINED takes the mean over the faces that the corner reaches over edges, as far as the faces at an edge are within the
+    angle; MARKED also stops at edges that the stream marks as sharp; CODED takes the normal from the stream and has no weight.
+    weight: AREA of a face, ANGLE of its corner at the vertex, or BOTH as a product. angle: whole degrees 0..180; 0 is flat.
+    """
 
     kind: int
     weight: int
@@ -23,7 +26,7 @@ class NormalRule(NamedTuple):
 
     @property
     def code(self) -> int:
-        """normal_rule in the stream."""
+        """Value of the syntax element normal_rule."""
         return WEIGHTS * self.kind + self.weight
 
     @property
@@ -38,7 +41,7 @@ class NormalRule(NamedTuple):
 
     @property
     def has_marks(self) -> bool:
-        """Whether edges of its faces are marked."""
+        """Whether the stream marks edges of its faces."""
         return self.kind in (MARKED, CODED)
 
     def __str__(self) -> str:
@@ -56,5 +59,18 @@ MOST_ANGLE = 180
 
 
 def rule_of(code: int, angle: int) -> NormalRule:
-    """The rule of normal_rule and normal_angle."""
+    """The rule of the syntax elements normal_rule and normal_angle.
+
+    Parameters
+    ----------
+    code : int
+        normal_rule: WEIGHTS * kind + weight.
+    angle : int
+        normal_angle: whole degrees 0..180.
+
+    Returns
+    -------
+    NormalRule
+        The rule.
+    """
     return NormalRule(code // WEIGHTS, code % WEIGHTS, angle)

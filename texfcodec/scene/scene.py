@@ -1,4 +1,4 @@
-"""The neutral in-memory form of a textured mesh: what load/ makes and the encoder takes."""
+"""The neutral in-memory form of a textured mesh: io/ makes it and the encoder takes it."""
 
 from dataclasses import dataclass, field
 
@@ -18,10 +18,18 @@ NEAREST_FIELDS = "nearest_fields"  # key of a stream's metadata: numbers of fiel
 class Texture:
     """One image.
 
-    image: uint8 [H, W, 4] RGBA, colour sRGB-coded, alpha straight, data as they stand, row 0 at v = 0 (glTF convention).
-    wrap: (s, t), each one of WRAP_*; srgb: whether it is written as colour; nearest: whether a texel shows as a square of one
-    colour (glTF's NEAREST) and is not blended with its neighbours; lossy_bytes: of the image file, where its format had given up
-    exactness already, else None.
+    Parameters
+    ----------
+    image : uint8 [H, W, 4]
+        RGBA, colour sRGB-coded, alpha straight, data unchanged, row 0 at v = 0 (glTF convention).
+    wrap : (int, int)
+        Of s and t, each one of WRAP_*.
+    srgb : bool
+        Whether it is written as colour.
+    nearest : bool
+        Whether a texel is shown as a square of one colour (glTF's NEAREST), not blended with its neighbours.
+    lossy_bytes : int, optional
+        Size of the image file if its format is lossy.
     """
 
     image: np.ndarray
@@ -34,10 +42,22 @@ class Texture:
 
 @dataclass
 class Material:
-    """factor: float64 [4] linear RGBA multiplier (glTF baseColorFactor); texture: index of the base colour into Scene.textures or
-    -1; maps: the same of other channels by name (channels.MAPS), where there is one, -1 in a decoded material, whose faces
-    have it in their field; parameters: by name (channels.PARAMETERS), those that are not the default; normals: the rule of a
-    decoded one's shading normals, which the encoder chooses."""
+    """Appearance of faces.
+
+    Parameters
+    ----------
+    factor : float64 [4]
+        Linear RGBA multiplier (glTF baseColorFactor).
+    texture : int
+        Index of the base colour into Scene.textures, or -1.
+    maps : dict of str to int
+        The same for other channels that have a map, by name (channels.MAPS); -1 in a decoded material, whose faces have it in
+        their field.
+    parameters : dict
+        Those that are not the default, by name (channels.PARAMETERS).
+    normals : NormalRule
+        Rule of a decoded material's shading normals, which the encoder chooses.
+    """
 
     name: str = ""
     factor: np.ndarray = field(default_factory=lambda: np.ones(4))
@@ -55,19 +75,39 @@ class Material:
 class Scene:
     """A triangle soup with shared positions, everything in world space.
 
-    positions: float64 [V, 3]; faces: int64 [F, 3] into positions; face_material: int64 [F] into materials.
-    corner_uv: float64 [F, 3, 2], texture transform already applied, v downwards (glTF); zeros where unused. Those of the base
-    colour, or of a material's first map where it has no image of its own.
-    map_uv: the same by channel, for channels whose maps have other UVs on some face.
-    corner_color: float32 [F, 3, 4] linear RGBA multiplier, or None where no face has vertex colours.
-    corner_normal: float32 [F, 3, 3] shading normals of length 1, or None where the file says nothing of them; flat: what that
-    means then, faces that are shaded flat (glTF), or smooth ones (all other formats).
-    corner_tangent: float32 [F, 3, 4] of glTF's TANGENT, zero where there is none, or None.
-    weights: what a squared error of a channel's values does to the shaded picture, by name; empty where it was not measured.
-    metadata: JSON-able dict (names, extras) that travels opaquely.
-    warnings / dropped: what will look different, one sentence each / names of the maps and properties that are not coded.
-    remarks: one sentence each on what is left out or mended and changes no picture.
-    files: {path: its bytes} of every file it was read from, the mesh file first; empty for one made in memory.
+    Parameters
+    ----------
+    positions : float64 [V, 3]
+        Vertices.
+    faces : int64 [F, 3]
+        Indices into positions.
+    face_material : int64 [F]
+        Indices into materials.
+    corner_uv : float64 [F, 3, 2]
+        UVs of the base colour, or of a material's first map if it has no image of its own. The texture transform is applied, v is
+        downwards (glTF); zeros if unused.
+    corner_color : float32 [F, 3, 4] or None
+        Linear RGBA multiplier; None if no face has vertex colours.
+    materials, textures : list of Material, list of Texture
+        Appearance.
+    metadata : dict
+        JSON-able (names, extras); it travels opaquely.
+    warnings, dropped : list of str
+        Visible differences, a sentence each; names of the maps and properties that are not coded.
+    remarks : list of str
+        A sentence each on things that are left out or repaired and change no picture.
+    files : dict of str to int
+        {path: bytes} of every file that was read, the mesh file first; empty for a scene from memory.
+    map_uv : dict of str to float64 [F, 3, 2]
+        UVs by channel, for channels whose maps have other UVs on some face.
+    weights : dict of str to float
+        Effect of a squared error of a channel's values on the shaded picture, by name; empty if it was not measured.
+    corner_normal : float32 [F, 3, 3] or None
+        Shading normals of length 1; None if the file has none.
+    corner_tangent : float32 [F, 3, 4] or None
+        glTF's TANGENT, zero where there is none.
+    flat : bool
+        Meaning of absent normals: flat shading (glTF), else smooth (all other formats).
     """
 
     positions: np.ndarray

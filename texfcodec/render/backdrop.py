@@ -1,6 +1,6 @@
-"""What pictures for people stand on, and which assets need light to show anything but their outline.
+"""Backgrounds of pictures for people, and the assets that need light to show more than their outline.
 
-Metrics and refinements have conditions of their own (metrics/views.py, pictures.py), which nothing here changes.
+Metrics and refinements have conditions of their own, which nothing here changes.
 """
 
 from __future__ import annotations
@@ -27,14 +27,37 @@ POINTS = 4096
 
 
 def rows(background: Background, height: int) -> np.ndarray:
-    """A background as uint8 [height, 1, 3], from the top row down."""
+    """A background as rows of pixels.
+
+    Parameters
+    ----------
+    background : (r, g, b) or pair of those
+        One colour, or those of the top and of the bottom row; 0..255.
+    height : int
+        Number of rows.
+
+    Returns
+    -------
+    uint8 [height, 1, 3]
+        From the top row down.
+    """
     ends, share = np.array(background, np.float64).reshape(-1, 3), np.linspace(0, 1, height)[:, None, None]
     return np.rint(ends[0] * (1 - share) + ends[-1] * share).astype(np.uint8)
 
 
 def is_plain(asset: Scene | Texf) -> bool:
-    """Whether the base colour of a Scene or a Texf has no more than FEW colours, so that its picture without light shows an
-    outline and no shape. What has no surface is not plain."""
+    """Whether the base colour has no more than FEW colours, so that a picture without light shows an outline and no shape.
+
+    Parameters
+    ----------
+    asset : Scene or Texf
+        Any.
+
+    Returns
+    -------
+    bool
+        False for an asset without a surface.
+    """
     areas = relative_areas(asset.positions, asset.faces)
     if not areas.any() or not (isinstance(asset, Scene) or asset.fields):
         return False
@@ -50,7 +73,18 @@ def _colours(asset, face, bary):
 
 
 def has_few_colours(colours: np.ndarray) -> bool:
-    """Whether colours, [M, 3] in 0..255, are FEW but for a share of MOST_OTHERS."""
+    """Whether at most FEW colours cover all but a share of MOST_OTHERS.
+
+    Parameters
+    ----------
+    colours : float or uint8 [M, 3]
+        0..255; NaN counts as 0.
+
+    Returns
+    -------
+    bool
+        Colours within NEAR of each other count as one.
+    """
     left = np.rint(np.nan_to_num(colours)).astype(np.int64)
     most = MOST_OTHERS * len(left)
     for _ in range(FEW):

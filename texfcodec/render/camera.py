@@ -25,10 +25,25 @@ VIEWS = {"front": (0, 0, 1), "back": (0, 0, -1), "left": (-1, 0, 0), "right": (1
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """right, up, forward: float64 [3], orthonormal; eye: float64 [3]; perspective: bool; half: half the visible height (world
-    units when orthographic, tangent of half the vertical field of view when perspective); width, height: pixels.
+    """A camera in world space.
 
-    Raises InputError TXF-I90 and TXF-I92.
+    Parameters
+    ----------
+    right, up, forward : float64 [3]
+        Orthonormal axes.
+    eye : float64 [3]
+        Position.
+    perspective : bool
+        False if orthographic.
+    half : float
+        Half the visible height: in world units if orthographic, tangent of half the vertical field of view if perspective.
+    width, height : int
+        Pixels.
+
+    Raises
+    ------
+    InputError
+        TXF-I90 and TXF-I92.
     """
 
     right: np.ndarray
@@ -52,11 +67,28 @@ class Camera:
 
 
 def orthographic(direction: ArrayLike, centre: ArrayLike, radius: float, size: int | tuple[int, int]) -> Camera:
-    """Camera that looks from `direction` at `centre`; the largest square that fits the picture spans +-radius.
+    """Orthographic camera that looks from a direction at a centre.
 
-    direction: [3], from centre to camera (unit length; any other is scaled); centre: [3]; radius: world units, 0 (a single point)
-    stands for 1; size: pixels a side, or (width, height). Up is (0, 1, 0), or (0, 0, 1) where the direction is along y.
-    Raises InputError TXF-I90..I92.
+    Parameters
+    ----------
+    direction : float [3]
+        From centre to camera; of any length.
+    centre : float [3]
+        World.
+    radius : float
+        The largest square that fits the picture spans +-radius, in world units; 0 (a single point) stands for 1.
+    size : int or (int, int)
+        Pixels a side, or (width, height).
+
+    Returns
+    -------
+    Camera
+        Up is (0, 1, 0), or (0, 0, 1) if the direction is along y.
+
+    Raises
+    ------
+    InputError
+        TXF-I90 to TXF-I92.
     """
     width, height = _size(size)
     right, up, forward = _axes(_unit(direction))
@@ -65,9 +97,26 @@ def orthographic(direction: ArrayLike, centre: ArrayLike, radius: float, size: i
 
 
 def perspective(eye: ArrayLike, target: ArrayLike, fov_degrees: float, size: int | tuple[int, int]) -> Camera:
-    """Camera at `eye` that looks at `target`; fov_degrees: vertical field of view, in 0..180 without the ends.
+    """Perspective camera at a point that looks at another.
 
-    eye, target: [3] world; size: pixels a side, or (width, height). Raises InputError TXF-I90..I92.
+    Parameters
+    ----------
+    eye, target : float [3]
+        World.
+    fov_degrees : float
+        Vertical field of view, in 0..180 without the ends.
+    size : int or (int, int)
+        Pixels a side, or (width, height).
+
+    Returns
+    -------
+    Camera
+        Up is as in orthographic().
+
+    Raises
+    ------
+    InputError
+        TXF-I90 to TXF-I92.
     """
     width, height = _size(size)
     place = _place(eye)
@@ -77,7 +126,25 @@ def perspective(eye: ArrayLike, target: ArrayLike, fov_degrees: float, size: int
 
 def perspective_around(direction: ArrayLike, centre: ArrayLike, radius: float, fov_degrees: float,
                        size: int | tuple[int, int]) -> Camera:
-    """Perspective camera that sees the whole sphere from `direction`; arguments as in orthographic() and perspective()."""
+    """Perspective camera that sees a whole sphere.
+
+    Parameters
+    ----------
+    direction, centre, radius, size
+        As of orthographic(), of the sphere.
+    fov_degrees : float
+        As of perspective().
+
+    Returns
+    -------
+    Camera
+        Its distance from the centre follows from the field of view.
+
+    Raises
+    ------
+    InputError
+        TXF-I90 to TXF-I92.
+    """
     width, height = _size(size)
     outwards, middle, radius = _unit(direction), _place(centre), _radius(radius)
     narrow = math.atan(math.tan(_half_angle(fov_degrees)) * min(width, height) / height)
@@ -85,11 +152,28 @@ def perspective_around(direction: ArrayLike, centre: ArrayLike, radius: float, f
 
 
 def framing(direction: ArrayLike, positions: np.ndarray, size: int | tuple[int, int], fov_degrees: float | None = None) -> Camera:
-    """Camera that looks from `direction` and sees all points, in the middle and as large as MARGIN lets them be.
+    """Camera that looks from a direction and sees all points, centred and as large as MARGIN permits.
 
-    direction: [3], from the points to the camera; positions: [V, 3] world, those that are not finite do not count; size: pixels a
-    side, or (width, height); fov_degrees: vertical field of view, None for an orthographic camera. Up is as in orthographic().
-    A single point, and none, stands for a sphere of radius 1. Raises InputError TXF-I90..I92.
+    Parameters
+    ----------
+    direction : float [3]
+        From the points to the camera.
+    positions : float [V, 3]
+        World; points that are not finite do not count. A single point, or none, stands for a sphere of radius 1.
+    size : int or (int, int)
+        Pixels a side, or (width, height).
+    fov_degrees : float, optional
+        Vertical field of view; None for an orthographic camera.
+
+    Returns
+    -------
+    Camera
+        Up is as in orthographic().
+
+    Raises
+    ------
+    InputError
+        TXF-I90 to TXF-I92.
     """
     width, height = _size(size)
     centre, radius = bounding_sphere(positions)
@@ -114,8 +198,10 @@ def framing(direction: ArrayLike, positions: np.ndarray, size: int | tuple[int, 
 
 
 def _seen_whole(along, slopes):
-    """The place nearest to points, float64 [M, 3] along right, up and forward, from which |right| and |up| are within slopes
-    times the depth."""
+    """The position nearest to points from which |right| and |up| are within slopes times the depth.
+
+    along: float64 [M, 3], coordinates of the points along right, up and forward.
+    """
     sides = [((along[:, k] - slope * along[:, 2]).max(), (-along[:, k] - slope * along[:, 2]).max())
              for k, slope in enumerate(slopes)]
     back = min(-(low + high) / (2 * slope) for (low, high), slope in zip(sides, slopes, strict=True))
@@ -124,9 +210,28 @@ def _seen_whole(along, slopes):
 
 
 def fibonacci_direction(i: int, count: int) -> np.ndarray:
-    """Direction of view i of `count`, float64 [3] of length 1, spread evenly over the sphere from +y to -y; one view: the front.
+    """Direction of one of several views that are spread evenly over the sphere, from +y to -y.
 
-    y = 1 - 2 i / (count - 1), turned about y by i pi (3 - sqrt 5), as mpeg-pcc-mmetric does. Raises InputError TXF-I93.
+    Parameters
+    ----------
+    i : int
+        Number of the view, 0..count - 1.
+    count : int
+        Number of views; a single view is the front.
+
+    Returns
+    -------
+    float64 [3]
+        Of length 1.
+
+    Raises
+    ------
+    InputError
+        TXF-I93 if there is no such view.
+
+    Notes
+    -----
+    y = 1 - 2 i / (count - 1), turned about y by i pi (3 - sqrt 5), as in mpeg-pcc-mmetric.
     """
     if not 0 <= i < count:
         raise InputError("TXF-I93", "the number of the view does not exist", value=i, allowed=f"0..{count - 1}")
@@ -138,15 +243,38 @@ def fibonacci_direction(i: int, count: int) -> np.ndarray:
 
 
 def direction_of_angles(azimuth: float, elevation: float) -> np.ndarray:
-    """Unit direction of angles in degrees: azimuth 0 is the front (+z), 90 the right (+x); elevation 90 is the top (+y)."""
+    """Direction of two angles.
+
+    Parameters
+    ----------
+    azimuth : float
+        Degrees; 0 is the front (+z), 90 the right (+x).
+    elevation : float
+        Degrees; 90 is the top (+y).
+
+    Returns
+    -------
+    float64 [3]
+        Of length 1.
+    """
     a, e = math.radians(azimuth), math.radians(elevation)
     return np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)])
 
 
 def bounding_sphere(positions: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centre float64 [3] and radius of the sphere round the axis-aligned box: half the box's diagonal.
+    """Sphere round the axis-aligned box of points.
 
-    positions: [V, 3]; points that are not finite do not count. Without points: the origin and 0.
+    Parameters
+    ----------
+    positions : float [V, 3]
+        Points that are not finite do not count.
+
+    Returns
+    -------
+    centre : float64 [3]
+        Of the box; the origin without points.
+    radius : float
+        Half the box's diagonal; 0 without points.
     """
     positions = np.asarray(positions, np.float64).reshape(-1, 3)
     finite = np.isfinite(positions).all(axis=1)
@@ -158,10 +286,24 @@ def bounding_sphere(positions: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def to_camera(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Points as the camera sees them, float64 [M, 3]: x to the right and y downwards in pixels from the picture's centre (when
-    perspective: at depth 1), z the depth along forward in world units. points: float64 [M, 3] world.
+    """Points in camera space.
 
-    Every point by itself, in a fixed order of operations: equal points have equal images, wherever they stand.
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    points : float64 [M, 3]
+        World.
+
+    Returns
+    -------
+    float64 [M, 3]
+        x to the right and y downwards in pixels from the picture's centre (at depth 1 if perspective), and the depth along
+        forward in world units.
+
+    Notes
+    -----
+    Each point is computed on its own, in a fixed order of operations: equal points have equal images, at any index.
     """
     points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
     out = np.empty((len(points), 3))
@@ -172,7 +314,7 @@ def to_camera(camera: Camera, points: np.ndarray) -> np.ndarray:
 
 @kernel
 def _turn(points, eye, axes, scales, out):
-    """(points - eye) along each axis, float64 [3, 3], times its scale, into out float64 [M, 3]."""
+    """Writes (points - eye) along each axis, times its scale, into out float64 [M, 3]. axes: float64 [3, 3]."""
     for i in range(points.shape[0]):
         x, y, z = points[i, 0] - eye[0], points[i, 1] - eye[1], points[i, 2] - eye[2]
         for k in range(3):
@@ -180,8 +322,21 @@ def _turn(points, eye, axes, scales, out):
 
 
 def to_screen(camera: Camera, seen: np.ndarray) -> np.ndarray:
-    """float64 [M, 4] of points from to_camera(): x, y in pixels, depth, and 1 / w (1 when orthographic, 1 / depth when
-    perspective; points with depth <= 0 are behind the camera and their x and y mean nothing)."""
+    """Screen coordinates of points in camera space.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    seen : float64 [M, 3]
+        From to_camera().
+
+    Returns
+    -------
+    float64 [M, 4]
+        x, y in pixels, depth, and 1 / w: 1 if orthographic, 1 / depth if perspective. Points with depth <= 0 are behind the
+        camera; their x and y have no meaning.
+    """
     out = np.empty((len(seen), 4))
     with np.errstate(all="ignore"):
         out[:, 3] = 1 / seen[:, 2] if camera.perspective else 1.0
@@ -192,13 +347,26 @@ def to_screen(camera: Camera, seen: np.ndarray) -> np.ndarray:
 
 
 def project(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """World points float64 [M, 3] -> float64 [M, 4]: x, y in pixels, depth along forward, 1 / w; see to_screen()."""
+    """Screen coordinates of world points.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    points : float64 [M, 3]
+        World.
+
+    Returns
+    -------
+    float64 [M, 4]
+        As of to_screen().
+    """
     with np.errstate(all="ignore"):
         return to_screen(camera, to_camera(camera, points))
 
 
 def _size(size):
-    """(width, height) of a whole number or a pair of them."""
+    """(width, height) from an integer or a pair of them."""
     try:
         sides = [operator.index(side) for side in ((size, size) if np.ndim(size) == 0 else size)]
     except TypeError:

@@ -1,4 +1,4 @@
-"""Faces that one can see through: layers of the surface, front to back, composited into one colour per pixel."""
+"""Transparent faces: layers of the surface, front to back, composited into one colour per pixel."""
 
 from __future__ import annotations
 
@@ -19,14 +19,39 @@ CLOSED = 1 / 1024  # a pixel that lets less than this through is done
 
 
 def see_through(materials: list[Material], face_material: np.ndarray) -> bool:
-    """Whether any face has a material whose alpha matters. face_material: int64 [F] into materials."""
+    """Whether any face has a material that uses alpha.
+
+    Parameters
+    ----------
+    materials : sequence of Material
+        All materials.
+    face_material : int64 [F]
+        Indices into materials.
+
+    Returns
+    -------
+    bool
+        False if all faces are opaque.
+    """
     return bool(np.array([m.alpha_mode in (ALPHA_MASK, ALPHA_BLEND) for m in materials], np.bool_)[face_material].any())
 
 
 def opacity(materials: list[Material], material: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Opacity 0..1, float32 [M], by alpha mode. material: int64 [M] into materials; alpha: float32 [M], 0..255.
+    """Opacity by alpha mode: 1 if opaque; for a mask 1 from the cutoff on, 0 below; alpha for a blend.
 
-    Opaque: 1. Mask: 1 from the cutoff on, 0 below. Blend: alpha. Alpha that is not a number is 0.
+    Parameters
+    ----------
+    materials : sequence of Material
+        All materials.
+    material : int64 [M]
+        Indices into materials.
+    alpha : float32 [M]
+        0..255; NaN counts as 0.
+
+    Returns
+    -------
+    float32 [M]
+        0..1.
     """
     mode = np.array([m.alpha_mode for m in materials])[material]
     cutoff = np.array([m.alpha_cutoff for m in materials], np.float32)[material]
@@ -36,11 +61,29 @@ def opacity(materials: list[Material], material: np.ndarray, alpha: np.ndarray) 
 
 def composite(triangles: Triangles, shade: Callable[[Fragments], tuple[np.ndarray, np.ndarray]],
               threads: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Peels the surface front to back. triangles: Triangles; shade: function of Fragments -> (float32 [M, 3] colour 0..255,
-    float32 [M] opacity 0..1).
+    """Colours and alpha of pixels, from layers that are peeled off front to back.
 
-    Returns pixel int64 [N] ascending (where anything is seen), colour float32 [N, 3] straight, alpha float32 [N] in 0..1. The
-    colours are mixed as they are coded (sRGB), as browsers' canvases and most codecs' tools do. Layers of exactly equal depth
+    Parameters
+    ----------
+    triangles : Triangles
+        Of set_up().
+    shade : function (Fragments) -> (float32 [M, 3], float32 [M])
+        Colour 0..255 and opacity 0..1.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    pixel : int64 [N]
+        Ascending: pixels in which something is visible.
+    colour : float32 [N, 3]
+        Straight, 0..255.
+    alpha : float32 [N]
+        0..1.
+
+    Notes
+    -----
+    Colours are mixed as they are coded (sRGB), as in browsers' canvases and most codecs' tools. Layers of exactly equal depth
     count as one.
     """
     count = triangles.camera.width * triangles.camera.height

@@ -22,12 +22,29 @@ GAP = 8  # pixels between panels
 
 def compare(first: Picture, second: Picture, background: tuple[int, int, int] = (255, 255, 255),
             around: Background | None = None) -> tuple[dict, np.ndarray]:
-    """How far the second Picture is from the first.
+    """PSNR between two Pictures, and a heat map of their difference.
 
-    Returns a dict {"pixels_both", "pixels_only_first", "pixels_only_second", "psnr_rgb", "psnr_y"} and the heat map, uint8
-    [H, W, 3]. PSNR in dB over the pixels that both cover, unrounded and laid over the background; None stands for exact, or
-    for pixels_both == 0. around: what the heat map stands on, None for the background. Raises
-    ValueError for pictures of different sizes.
+    Parameters
+    ----------
+    first, second : Picture
+        Of one size.
+    background : background
+        Laid under both.
+    around : background, optional
+        Under the heat map; None for background.
+
+    Returns
+    -------
+    figures : dict
+        "pixels_both", "pixels_only_first", "pixels_only_second"; "psnr_rgb", "psnr_y": dB over the pixels that both cover,
+        unrounded; None if they are equal or pixels_both is 0.
+    heat : uint8 [H, W, 3]
+        The heat map.
+
+    Raises
+    ------
+    ValueError
+        The pictures have different sizes.
     """
     if (first.width, first.height) != (second.width, second.height):
         raise ValueError("the pictures have different sizes")
@@ -49,15 +66,36 @@ def compare(first: Picture, second: Picture, background: tuple[int, int, int] = 
 
 
 def heat_colour(difference: np.ndarray) -> np.ndarray:
-    """uint8 [M, 3] of differences in coded levels, [M]: black at 0, pale yellow from HOTTEST on."""
+    """Colours of the heat map.
+
+    Parameters
+    ----------
+    difference : float [M]
+        Coded levels.
+
+    Returns
+    -------
+    uint8 [M, 3]
+        Black at 0, pale yellow from HOTTEST on.
+    """
     place = np.clip(np.nan_to_num(difference, nan=HOTTEST) / HOTTEST, 0, 1) * (len(RAMP) - 1)
     steps = np.arange(len(RAMP))
     return np.stack([np.interp(place, steps, RAMP[:, c]) for c in range(3)], axis=1).round().astype(np.uint8)
 
 
 def names_of_halves(assets: Sequence[tuple[bool, str]]) -> list[str]:
-    """What the pictures of two assets are called, of (whether it is a mesh, its name) each: source and stream where that is what
-    they are, else first and second."""
+    """Captions of two pictures.
+
+    Parameters
+    ----------
+    assets : pair of (bool, str)
+        Whether it is a mesh, and its name.
+
+    Returns
+    -------
+    list of str
+        They call a mesh and a stream source and stream, other pairs first and second.
+    """
     words = {(True, False): ("source", "stream"), (False, True): ("stream", "source")}
     kinds = words.get((assets[0][0], assets[1][0]), ("first", "second"))
     return [f"{kind}: {name}" for kind, (_, name) in zip(kinds, assets, strict=True)]
@@ -65,8 +103,22 @@ def names_of_halves(assets: Sequence[tuple[bool, str]]) -> list[str]:
 
 def sheet(panels: Sequence[np.ndarray], captions: Sequence[str],
           background: Background = (255, 255, 255)) -> np.ndarray:
-    """Panels uint8 [H, W, 3] in a row, a caption under each, the heat map's scale under the last, on the bottom colour of a
-    background. Returns uint8 [H', W', 3]."""
+    """Pictures in a row, a caption under each, and the heat map's scale under the last.
+
+    Parameters
+    ----------
+    panels : sequence of uint8 [H, W, 3]
+        The pictures.
+    captions : sequence of str
+        One for each.
+    background : background
+        Its bottom colour is used.
+
+    Returns
+    -------
+    uint8 [H', W', 3]
+        The sheet.
+    """
     height, width = panels[0].shape[:2]
     times = max(1, width // 512)
     foot = 30 * times
@@ -84,7 +136,7 @@ def sheet(panels: Sequence[np.ndarray], captions: Sequence[str],
 
 
 def _over(picture, background):
-    """float32 [M, 3]: the picture's pixels laid over the background."""
+    """The picture's pixels over the background, float32 [M, 3]."""
     alpha = picture.alpha[:, None]
     return picture.colour * alpha + np.float32(background) * (1 - alpha)
 

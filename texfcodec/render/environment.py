@@ -1,12 +1,12 @@
-"""The light that shaded pictures stand in: an analytic sky and a few directional lights, in linear radiance.
+"""The light of shaded pictures: an analytic sky and a few directional lights, in linear radiance.
 
 The sky's colour depends only on the height y of a direction (y is up, as in glTF): a Bezier curve of degree DEGREE over (1 + y) /
-2 from the nadir to the zenith. A polynomial in y of that degree is a sum of as many Legendre polynomials, and averaging a sky
-with a lobe that is round about an axis multiplies each of them by one number of the lobe (Funk and Hecke). So the irradiance of
-every normal is a polynomial again, exactly, and the radiance averaged with the lobe of GGX is a function of height and roughness
-alone: a small table, exact at its nodes.
+2 from the nadir to the zenith. A polynomial in y of that degree is a sum of as many Legendre polynomials. Averaging a sky with a
+lobe that is symmetric about an axis multiplies each of them by a number of the lobe (Funk and Hecke). So the irradiance of every
+normal is a polynomial again, exactly, and the radiance averaged with the lobe of GGX is a function of height and roughness alone:
+a small table, exact at its nodes.
 
-Lights send parallel light; the angular radius that each has widens highlights, so that they cover more than a pixel.
+Lights are parallel. Each has an angular radius that widens highlights, so that they cover more than a pixel.
 """
 
 from __future__ import annotations
@@ -28,7 +28,10 @@ MIN_ALPHA = 2e-3  # GGX's alpha (roughness squared) of a perfect mirror
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Light:
-    """direction: float64 [3] unit, towards the light; irradiance: linear RGB [3] on a surface that faces it; radius: radians."""
+    """A directional light.
+
+    direction: float64 [3] unit, towards the light; irradiance: linear RGB [3] on a surface that faces it; radius: radians.
+    """
 
     direction: np.ndarray
     irradiance: np.ndarray
@@ -37,15 +40,18 @@ class Light:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Environment:
-    """gradient: float64 [DEGREE + 1, 3] linear RGB, the sky's control colours from the nadir to the zenith; lights: tuple of
-    Light; exposure: what radiance is multiplied with before it is coded."""
+    """A sky and lights.
+
+    gradient: float64 [DEGREE + 1, 3] linear RGB, the sky's control colours from the nadir to the zenith; lights: tuple of Light;
+    exposure: factor of the radiance before it is coded.
+    """
 
     gradient: np.ndarray
     lights: tuple[Light, ...] = ()
     exposure: float = 1.0
 
     def radiance(self, direction: np.ndarray) -> np.ndarray:
-        """The sky without the lights, seen along unit directions [3, M]: float32 [3, M]."""
+        """Radiance of the sky along unit directions [3, M], without the lights: float32 [3, M]."""
         return _horner(self.powers, direction[1])
 
     def irradiance(self, normal: np.ndarray) -> np.ndarray:
@@ -58,13 +64,12 @@ class Environment:
         return look_up(self.prefiltered_table, 0.5 + 0.5 * direction[1], roughness)
 
     def build(self) -> None:
-        """Makes the tables now, so that threads only read."""
+        """Builds the tables now, so that threads only read."""
         _ = self.powers, self.diffuse_powers, self.prefiltered_table
 
     @cached_property
     def _zonal(self):
-        """Coefficients [DEGREE + 1, 3] of the sky in Legendre polynomials of the height. Gauss's nodes make the integral
-        exact."""
+        """Coefficients [DEGREE + 1, 3] of the sky in Legendre polynomials of the height, exact by Gauss's nodes."""
         nodes, weights = legendre.leggauss(DEGREE + 1)
         sky = _bernstein((1 + nodes) / 2) @ np.asarray(self.gradient, np.float64)
         basis = legendre.legvander(nodes, DEGREE)
@@ -82,7 +87,7 @@ class Environment:
 
     @cached_property
     def prefiltered_table(self) -> np.ndarray:
-        """What prefiltered() looks up, float32 [HEIGHTS, ROUGHNESSES, 3]."""
+        """Table of prefiltered(), float32 [HEIGHTS, ROUGHNESSES, 3]."""
         basis = legendre.legvander(np.linspace(-1, 1, HEIGHTS), DEGREE)
         lobes = np.array([ggx_lobe(r * r) for r in np.linspace(0, 1, ROUGHNESSES)])
         return np.ascontiguousarray(np.einsum("hl,rl,lc->hrc", basis, lobes, self._zonal), np.float32)
@@ -124,8 +129,20 @@ def cosine_lobe() -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def ggx_lobe(alpha: float) -> np.ndarray:
-    """As cosine_lobe() for the light that GGX of this alpha reflects when seen straight on, weighted by the light's cosine.
+    """As cosine_lobe(), for the light that GGX reflects when seen straight on, weighted by the light's cosine.
 
+    Parameters
+    ----------
+    alpha : float
+        Roughness squared.
+
+    Returns
+    -------
+    float64 [DEGREE + 1]
+        Factors of Legendre polynomials.
+
+    Notes
+    -----
     With u uniform, cos^2 of the half vector is (1 - u) / (1 + (alpha^2 - 1) u), and the light is twice as far from the axis; u
     ends at 1 / (1 + alpha^2), where the light sinks below the surface.
     """
@@ -139,7 +156,18 @@ def ggx_lobe(alpha: float) -> np.ndarray:
 
 
 def furnace(radiance: Sequence[float] = (1.0, 1.0, 1.0)) -> Environment:
-    """The same radiance from everywhere and no light: in it a white surface that loses nothing cannot be seen."""
+    """Environment of the same radiance from everywhere and no light: a white surface that loses nothing is invisible in it.
+
+    Parameters
+    ----------
+    radiance : float [3]
+        Linear RGB.
+
+    Returns
+    -------
+    Environment
+        Without lights.
+    """
     return Environment(gradient=np.tile(np.asarray(radiance, np.float64), (DEGREE + 1, 1)))
 
 

@@ -1,4 +1,4 @@
-"""Coarser versions of a field: what minified pictures ask, as a mip map is for a texture."""
+"""Coarser levels of a field for minified pictures, as mip maps are for a texture."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 @dataclass
 class Level:
-    """One level of a field: a cell is 2**level of the field's own a side.
+    """One level of a field, whose cells are 2**level of the field's own a side.
 
-    support: where its values are; values: uint8 (level 0) or float32 [N, C], the plain means of the field's values in each cell
-    (what a decoder that leaves levels out has there, but for rounding); counts: int64 [N], how many.
+    support: places of its values; values: uint8 (level 0) or float32 [N, C], the plain means of the field's values in each cell
+    (those of a decoder that leaves levels out, but for rounding); counts: int64 [N], number of values in each cell.
     """
 
     level: int
@@ -30,8 +30,11 @@ class Level:
     counts: np.ndarray
 
     def query(self, places: np.ndarray) -> np.ndarray:
-        """float32 [M, C] at places of the field: grid coordinates float64 [M, 3] over voxels, see field.query.query_field;
-        texels of the full image float64 [M, 2] over texels."""
+        """Values float32 [M, C] at places of the field.
+
+        places: over voxels grid coordinates float64 [M, 3], see field.query.query_field; over texels those of the full image,
+        float64 [M, 2].
+        """
         if isinstance(self.support, TexelSupport):
             return self.support.query(places, self.values)
         places = places if self.level == 0 else places / (1 << self.level)
@@ -39,10 +42,9 @@ class Level:
 
 
 class Pyramid:
-    """The levels of planes of one field, each built when it is first asked for. Threads that ask at once may build one twice, no
-    more.
+    """Levels of planes of one field, each built on first use. Threads that use it at once may build a level twice, no more.
 
-    names: of planes that have one support, side by side in the values; none: the colours that a viewer shows without light.
+    names: of planes that have one support, side by side in the values; empty: the colours that a viewer shows without light.
     """
 
     def __init__(self, field: Field, names: Sequence[str] = ()) -> None:
@@ -66,7 +68,20 @@ class Pyramid:
 
 
 def pyramid_of(field: Field, names: Sequence[str] = ()) -> Pyramid:
-    """The Pyramid of planes of a Field; kept with it and made anew when their values are other arrays."""
+    """The Pyramid of planes of a field.
+
+    Parameters
+    ----------
+    field : Field
+        It keeps the pyramid, which is built anew if its values are other arrays.
+    names : sequence of str
+        Of planes that have one support; empty for the colours without light.
+
+    Returns
+    -------
+    Pyramid
+        Of the planes side by side.
+    """
     kept = field._pyramids.get(tuple(names))
     if kept is None or any(a is not b for a, b in zip(kept.arrays, _arrays(field, names), strict=True)):
         kept = field._pyramids[tuple(names)] = Pyramid(field, names)

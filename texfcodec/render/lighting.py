@@ -1,4 +1,4 @@
-"""Light on what a picture shows of a Scene or a Texf: maps, normals and views of fragments for render/material.py."""
+"""Shading of fragments of a Scene or a Texf: maps, normals and views for render/material.py."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BLOCK = 1 << 15  # fragments at a time
 
 
 def _disturbed(ask, channel, most):
-    """An asker whose answers for a channel are off by up to `most` levels, the same for the same fragments."""
+    """A sampler whose values of a channel are off by up to `most` levels, always the same for the same fragments."""
 
     def disturbed(names, face, bary, depth):
         answers = ask(names, face, bary, depth)
@@ -46,10 +46,16 @@ def _disturbed(ask, channel, most):
 
 
 class Lighting:
-    """How one asset is lit; made once, for any number of pictures.
+    """Lighting of one asset, for any number of pictures.
 
-    asset: Scene or Texf; mipmaps: whether a Scene's maps are asked at mip levels (render/textures.py). Only the channels that the
-    materials of a run of fragments use are asked; an asset without a lit material costs nothing.
+    Parameters
+    ----------
+    asset : Scene or Texf
+        Only the channels that the materials of a run of fragments use are sampled; an asset without a lit material costs nothing.
+    environment : Environment
+        Sky and lights.
+    mipmaps : bool
+        Whether a Scene's maps are sampled at mip levels (render/textures.py).
     """
 
     def __init__(self, asset: Scene | Texf, environment: Environment = DAYLIGHT, mipmaps: bool = False) -> None:
@@ -64,14 +70,16 @@ class Lighting:
 
     @cached_property
     def geometric(self) -> np.ndarray:
-        """Normals of the faces, float32 [F, 3], of length 1, or 0 where a face has no area."""
+        """Normals of the faces, float32 [F, 3], of length 1, or 0 if a face has no area."""
         return face_normals(self.positions[self.faces]).astype(np.float32)
 
     def coded(self, camera: Camera, fragments: Fragments, rgba: np.ndarray, filtering: bool = True,
               threads: int = 1, noise: tuple[str, float] | None = None) -> np.ndarray:
-        """Colours float32 [M, 3], 0..255, sRGB-coded, of fragments in light. rgba: float32 [M, 4], 0..255, their base colour and
-        alpha; unlit materials keep it. filtering: as of render_texf(); noise: a channel whose values, on 0..255, are
-        disturbed evenly by up to so much, as coding would. The result does not depend on threads."""
+        """Colours of fragments in light, float32 [M, 3], 0..255, sRGB-coded. The result does not depend on threads.
+
+        rgba: float32 [M, 4], 0..255, their base colour and alpha; unlit materials keep it; filtering: as of render_texf(); noise:
+        a channel and the largest of the even random errors, on 0..255, that its values get, as by coding.
+        """
         out = np.array(rgba[:, :3], np.float32)
         material = self.face_material[fragments.face]
         seen = np.bincount(material, minlength=len(self._lit)) > 0
@@ -113,14 +121,14 @@ class Lighting:
         return Points(material=material, normal=normal, view=view, values=values, tangent=tangent, coat_normal=coat)
 
     def _final(self, name, values, material):
-        """Final values of a channel; a material without the map has what says nothing there."""
+        """Final values of a channel; a material without the map has the neutral value."""
         mapped = self._mapped[name]
         if not mapped.all():
             values[~mapped[material]] = neutral_values(name)
         return self.table.final(name, material, linear_values(name, values))
 
     def _bent(self, name, answers, at, plain):
-        """Normals [m, 3], plain ones turned by the maps of channel `name`, in tangent or object space, where there are any."""
+        """Normals [m, 3]: plain ones, turned by the maps of channel `name`, in tangent or object space, if there are any."""
         face, bary, _ = at
         out = plain
         for key in (name, f"{name}_object"):
@@ -140,8 +148,8 @@ class Lighting:
         return out
 
     def _view(self, camera, face, bary):
-        """From the points to the eye, float32 [m, 3], of any length: in perspective to where it stands, else against the line of
-        sight."""
+        """Vectors from the points towards the eye, float32 [m, 3], of any length: to its position if perspective, else against
+        the line of sight."""
         if not camera.perspective:
             return np.broadcast_to(-camera.forward.astype(np.float32), (len(face), 3))
         away = camera.eye - surface_points(face, bary, self.positions, self.faces)
@@ -156,8 +164,8 @@ class Lighting:
         return plain, self._bent(name, self.maps.asker(None, 0.0, wanted, False)(wanted, *at), at, plain)
 
     def finals(self, names: Collection[str], face: np.ndarray, bary: np.ndarray) -> dict[str, np.ndarray]:
-        """Final values float32 [M, C], linear, of channels at surface points, whether there is a map or not. names: of channels
-        that are no normals."""
+        """Final values float32 [M, C], linear, of channels at surface points, with or without a map. names: of channels that are
+        not normals."""
         material, mapped = self.face_material[face], frozenset(names) & self.table.wanted_channels()
         answers = self.maps.asker(None, 0.0, mapped, False)(mapped, face, bary, np.zeros(len(face)))
         return {name: self._final(name, answers[name], material) if name in mapped else self.table.constant(name, material)

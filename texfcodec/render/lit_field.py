@@ -20,8 +20,11 @@ if TYPE_CHECKING:
 
 
 class FieldMaps:
-    """Answers of a Texf's fields for channels of its materials. Normal maps are answered under the name of what the field holds:
-    x and y in tangent space over texels, a deviation in object space over voxels; what a field lacks says nothing."""
+    """Values of a Texf's fields for channels of its materials.
+
+    Normal maps have the name of the field's channel: x and y in tangent space over texels, a deviation in object space over
+    voxels. A channel that a field lacks has neutral values.
+    """
 
     def __init__(self, texf: Texf) -> None:
         self.texf = texf
@@ -43,12 +46,12 @@ class FieldMaps:
         return out
 
     def tangents(self, name: str, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
-        """Tangents float32 [M, 4] at points of faces; 0, which is none, where a field is over voxels."""
+        """Tangents float32 [M, 4] at points of faces; 0 (no tangent) if a field is over voxels."""
         return interpolate_corners(self.corner_tangent, face, bary)
 
     def asker(self, camera: Camera | None, deepest: float, wanted: Collection[str], filtering: bool) -> Callable:
         """Function (names among wanted, face, bary, depth) -> values float32 [M, C], 0..255, by channel of the fields. Without
-        filtering there need be no camera."""
+        filtering no camera is needed."""
         questions = Questions(self.texf, camera, deepest if filtering else None, self.positions, self.faces)
         if any(BY_NAME[name].unit == "degrees" for name in wanted):
             _ = self.corner_tangent
@@ -57,7 +60,7 @@ class FieldMaps:
         return lambda names, *at: self._answers(names, ready, at)
 
     def _together(self, number, wanted):
-        """Planes of a field that hold some of the wanted channels: tuples of names, each of one support."""
+        """Planes of a field that hold some of the wanted channels: tuples of names, each with one support."""
         part = self.texf.fields[number]
         names = sorted(channel_over(name, part.over_texels).name for name in wanted)
         there = [name for name in names if name in part.planes]

@@ -24,7 +24,7 @@ LATTICE_BITS = 20  # of positions where normals have to be made: the most that t
 
 
 class SceneMaps:
-    """Answers of a Scene's maps at points of its faces; channels that share images and UVs are asked at once."""
+    """Values of a Scene's maps at points of its faces; channels that share images and UVs are sampled together."""
 
     def __init__(self, scene: Scene, mipmaps: bool = False) -> None:
         self.scene = scene
@@ -34,8 +34,8 @@ class SceneMaps:
 
     @cached_property
     def corner_normal(self) -> np.ndarray:
-        """Normals of face corners, float32 [F, 3, 3]: the file's; the faces' where a file without any means that; else made by
-        the usual rule."""
+        """Normals of face corners, float32 [F, 3, 3]: those of the file; without any, those of the faces if the format says so,
+        else those of the usual rule."""
         scene = self.scene
         if scene.corner_normal is not None:
             return scene.corner_normal
@@ -48,7 +48,7 @@ class SceneMaps:
 
     def asker(self, camera: Camera | None, deepest: float, wanted: Collection[str], filtering: bool) -> Callable:
         """Function (names among wanted, face, bary, depth) -> values float32 [M, C], 0..255, by channel; normals as x and y.
-        Without mip levels there need be no camera."""
+        Without mip levels no camera is needed."""
         for name in sorted(wanted):
             self._of(name).build(camera, deepest)
             if BY_NAME[name].unit == "degrees":
@@ -80,8 +80,8 @@ class SceneMaps:
         return interpolate_corners(self.corner_tangent("normal" if name == "anisotropy" else name), face, bary)
 
     def corner_tangent(self, name: str) -> np.ndarray:
-        """Tangents of corners, float32 [F, 3, 4]: the file's where it has some, whichever UVs a map has (glTF has one TANGENT for
-        all), else made of the map's UVs."""
+        """Tangents of corners, float32 [F, 3, 4]: the file's if it has some, for any UVs of a map (glTF has one TANGENT for all),
+        else derived from the map's UVs."""
         scene = self.scene
         uv, given = scene.map_uv.get(name, scene.corner_uv), scene.corner_tangent
         if id(uv) not in self._tangents:

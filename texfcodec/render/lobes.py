@@ -1,4 +1,4 @@
-"""How a rough surface reflects: microfacet lobes under directional lights, and their integrals under a sky.
+"""Reflection of rough surfaces: microfacet lobes under directional lights, and their integrals under a sky.
 
 Arrays are float32, [M] or [3, M], one column per point. n: unit normal, v: unit direction to the eye, nv: their cosine kept above
 LEAST. GGX with the height-correlated masking of Smith and Fresnel's law after Schlick is the model of glTF 2.0, appendix B;
@@ -24,9 +24,11 @@ SLICES = 48  # strata a side of the integrals behind each node
 
 @dataclass
 class LightSums:
-    """What all lights give a point, summed with weights 1 - f and f, where f is Schlick's fifth power at the half vector:
-    whatever Fresnel's ends are, the lights are walked once. spec, spec_edge: of the lobe; flat: cosine over pi, unweighed;
-    float32 [3, M]."""
+    """Light from all lights at each point, summed with weights 1 - f and f, where f is Schlick's fifth power at the half vector.
+
+    So the lights are summed once for any values of Fresnel's two ends. spec, spec_edge: of the lobe, with weights 1 - f and f;
+    flat: cosine over pi, unweighted; float32 [3, M].
+    """
 
     spec: np.ndarray
     spec_edge: np.ndarray
@@ -34,24 +36,76 @@ class LightSums:
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar products [M] of [3, M] and [3, M] or [3]."""
+    """Scalar products of columns.
+
+    Parameters
+    ----------
+    a : float32 [3, M]
+        Vectors.
+    b : float32 [3, M] or [3]
+        Vectors, or one for all.
+
+    Returns
+    -------
+    float32 [M]
+        The products.
+    """
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def reflected(n: np.ndarray, v: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-    """Directions [3, M] of mirrors; cosine: n . v [M], signed."""
+    """Mirror directions of the view.
+
+    Parameters
+    ----------
+    n, v : float32 [3, M]
+        Unit normals and directions to the eye.
+    cosine : float32 [M]
+        n . v, signed.
+
+    Returns
+    -------
+    float32 [3, M]
+        Unit directions.
+    """
     return 2 * cosine * n - v
 
 
 def fifth_power(cosine: np.ndarray) -> np.ndarray:
-    """(1 - cosine)^5, cosine clamped to 0..1: Schlick's weight of the reflectance at grazing angles."""
+    """(1 - cosine)^5: Schlick's weight of the reflectance at grazing angles.
+
+    Parameters
+    ----------
+    cosine : float32 [M]
+        Clamped to 0..1.
+
+    Returns
+    -------
+    float32 [M]
+        0..1.
+    """
     rest = 1 - np.minimum(np.maximum(cosine, np.float32(0)), np.float32(1))
     square = rest * rest
     return square * square * rest
 
 
 def ggx_lights(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> LightSums:
-    """LightSums of GGX. alpha: [M], roughness squared."""
+    """Light of directional lights that GGX reflects to the eye.
+
+    Parameters
+    ----------
+    n, v, nv
+        As in the module's text.
+    alpha : float32 [M]
+        Roughness squared.
+    lights : sequence of Light
+        The lights.
+
+    Returns
+    -------
+    LightSums
+        Before Fresnel's law.
+    """
     signed = dot(n, v)
 
     def lobe(light, towards, nl, along):
@@ -61,8 +115,18 @@ def ggx_lights(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, 
 
 
 def ggx_lights_through(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> np.ndarray:
-    """Light [3, M] from behind a thin sheet, rough on this side: what GGX reflects of lights mirrored to the eye's side, before
-    Fresnel's law."""
+    """Light from behind a thin sheet whose surface is rough on this side: GGX of the lights mirrored to the eye's side.
+
+    Parameters
+    ----------
+    n, v, nv, alpha, lights
+        As of ggx_lights().
+
+    Returns
+    -------
+    float32 [3, M]
+        Before Fresnel's law.
+    """
     out, signed = np.zeros((3, n.shape[1]), np.float32), dot(n, v)
     for light in lights:
         towards = light.direction.astype(np.float32)
@@ -76,13 +140,15 @@ def ggx_lights_through(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.n
 
 
 def _widened(alpha, light):
-    """alpha squared, widened by the light: half its radius, because the half vector turns half as fast as the light."""
+    """alpha squared, widened by half the light's radius, because the half vector turns half as fast as the light."""
     return alpha * alpha + np.float32(max(light.radius / 2, MIN_ALPHA) ** 2)
 
 
 def _ggx(square, nh, nl, nv):
-    """Distribution, masking and the light's cosine in one. The masking's denominator is at least alpha nv; it is kept from 0/0
-    where the light is below the surface."""
+    """Product of distribution, masking and the light's cosine.
+
+    The masking's denominator is at least alpha nv; a lower bound prevents 0/0 if the light is below the surface.
+    """
     nh = np.minimum(nh, np.float32(1))
     stretched = (1 - nh) * (1 + nh) + nh * nh * square
     seen = nl * np.sqrt(nv * nv * (1 - square) + square) + nv * np.sqrt(nl * nl * (1 - square) + square)
@@ -91,8 +157,22 @@ def _ggx(square, nh, nl, nv):
 
 def ggx_lights_stretched(n: np.ndarray, v: np.ndarray, nv: np.ndarray, tangents: Sequence[np.ndarray],
                          alphas: Sequence[np.ndarray], lights: Sequence[Light]) -> LightSums:
-    """As ggx_lights() with an alpha of its own along each of two tangents. tangents: two unit directions [3, M], orthogonal to n
-    and to each other; alphas: two [M]."""
+    """As ggx_lights(), with different roughness along two tangents.
+
+    Parameters
+    ----------
+    n, v, nv, lights
+        As of ggx_lights().
+    tangents : two float32 [3, M]
+        Unit directions, orthogonal to n and to each other.
+    alphas : two float32 [M]
+        Roughness squared along each.
+
+    Returns
+    -------
+    LightSums
+        Before Fresnel's law.
+    """
     tv, bv = (dot(direction, v) for direction in tangents)
 
     def lobe(light, towards, nl, along):
@@ -123,7 +203,20 @@ def _summed(n, v, lights, lobe):
 
 
 def charlie_lights(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> np.ndarray:
-    """Light [3, M] that Charlie's lobe of white cloth sends to the eye. alpha: [M], at least MIN_CHARLIE squared."""
+    """Light of directional lights that Charlie's lobe of white cloth reflects to the eye.
+
+    Parameters
+    ----------
+    n, v, nv, lights
+        As of ggx_lights().
+    alpha : float32 [M]
+        Roughness squared, at least MIN_CHARLIE squared.
+
+    Returns
+    -------
+    float32 [3, M]
+        Radiance.
+    """
     out = np.zeros((3, n.shape[1]), np.float32)
     inverse = 1 / alpha
     for light in lights:
@@ -145,26 +238,52 @@ def _charlie(nh, inverse, nl, nv):
 
 
 def ggx_integral(nv: np.ndarray, roughness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(a, b) float32 [M] each: under a white sky GGX reflects f0 a + f90 b. nv: cosine of the view; roughness: of glTF, 0..1."""
+    """Reflectance of GGX under a white sky, f0 a + f90 b, as its two factors.
+
+    Parameters
+    ----------
+    nv : float32 [M]
+        Cosine of the view.
+    roughness : float32 [M]
+        Of glTF, 0..1.
+
+    Returns
+    -------
+    a, b : float32 [M]
+        Factors of f0 and f90.
+    """
     a, b = look_up(ggx_table(), np.sqrt(nv), roughness)
     return a, b
 
 
 def charlie_integral(nv: np.ndarray, roughness: np.ndarray) -> np.ndarray:
-    """The share float32 [M] of a white sky that white cloth reflects; at most 1."""
+    """Share of a white sky that white cloth reflects.
+
+    Parameters
+    ----------
+    nv, roughness
+        As of ggx_integral().
+
+    Returns
+    -------
+    float32 [M]
+        At most 1.
+    """
     return look_up(charlie_table(), np.sqrt(nv), roughness)[0]
 
 
 def build_tables() -> None:
-    """Makes the tables now, so that threads only read."""
+    """Builds the tables now, so that threads only read."""
     _ = ggx_table(), charlie_table()
 
 
 @lru_cache(maxsize=1)
 def ggx_table() -> np.ndarray:
-    """What ggx_integral() looks up, float32 [COSINES, ROUGHNESSES, 2]. Half vectors come from the distribution of those the eye
-    sees, drawn as Heitz does (Sampling the GGX distribution of visible normals, 2018): a disc, lifted on a half sphere,
-    stretched. Weights are then the masking of the light alone, times Schlick's."""
+    """Table of ggx_integral(), float32 [COSINES, ROUGHNESSES, 2].
+
+    Half vectors are drawn from the distribution of visible normals as in Heitz (Sampling the GGX distribution of visible normals,
+    2018): a disc, lifted on a half sphere, stretched. Weights are then the masking of the light alone, times Schlick's.
+    """
     u, phi = _strata()
     side, up = np.sqrt(u) * np.cos(phi - np.pi / 2), np.sqrt(u) * np.sin(phi - np.pi / 2)
     alpha = np.maximum(np.linspace(0, 1, ROUGHNESSES) ** 2, MIN_ALPHA)[:, None]
@@ -189,8 +308,10 @@ def ggx_table() -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def charlie_table() -> np.ndarray:
-    """What charlie_integral() looks up, float32 [COSINES, ROUGHNESSES, 1], by strata over the hemisphere of lights whose cosine
-    is a square: the lobe lies at its rim."""
+    """Table of charlie_integral(), float32 [COSINES, ROUGHNESSES, 1].
+
+    Strata cover the hemisphere of lights with squares as cosines, because the lobe lies at its rim.
+    """
     t, phi = _strata()
     nl, sine = t * t, np.sqrt(1 - t**4)
     inverse = 1 / np.maximum(np.linspace(0, 1, ROUGHNESSES), MIN_CHARLIE)[:, None] ** 2
@@ -203,7 +324,7 @@ def charlie_table() -> np.ndarray:
 
 
 def _strata():
-    """Even squares of u in 0..1 and phi in 0..pi, as two rows; the other half turn is their mirror image."""
+    """Centres of even strata, as two rows: u in 0..1 and phi in 0..pi; the other half turn is their mirror image."""
     u, phi = np.meshgrid((np.arange(SLICES) + 0.5) / SLICES, (np.arange(SLICES // 2) + 0.5) / (SLICES // 2) * np.pi)
     return u.ravel(), phi.ravel()
 

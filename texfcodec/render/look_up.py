@@ -1,4 +1,4 @@
-"""Smooth functions of two variables as small tables: made once by quadrature, asked by bilinear interpolation."""
+"""Smooth functions of two variables as small tables: built once by quadrature, read by bilinear interpolation."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from ..core.kernel import kernel
 
 @kernel
 def _bilinear(table, x, y, out):
-    """out [K, M] of table [X, Y, K] at x, y in 0..1; what is outside counts as the border, NaN as 0."""
+    """Writes values of table [X, Y, K] at x, y in 0..1 into out [K, M]; x and y are clamped, NaN counts as 0."""
     last_x, last_y = table.shape[0] - 1, table.shape[1] - 1
     for i in range(x.shape[0]):
         u, v = x[i] * np.float32(last_x), y[i] * np.float32(last_y)
@@ -22,8 +22,25 @@ def _bilinear(table, x, y, out):
 
 
 def look_up(table: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Bilinear values float32 [K, M]. table: float32 [X, Y, K], X and Y at least 2, its ends at 0 and 1; x, y: float32 [M],
-    clamped to 0..1, NaN counts as 0. Raises ValueError for shapes that do not fit."""
+    """Bilinear values of a table.
+
+    Parameters
+    ----------
+    table : float32 [X, Y, K]
+        X and Y at least 2; its ends are at 0 and 1.
+    x, y : float32 [M]
+        Clamped to 0..1; NaN counts as 0.
+
+    Returns
+    -------
+    float32 [K, M]
+        The values.
+
+    Raises
+    ------
+    ValueError
+        Shapes do not fit.
+    """
     if table.ndim != 3 or min(table.shape[:2]) < 2 or x.ndim != 1 or x.shape != y.shape:
         raise ValueError(f"table {table.shape} and places {x.shape}, {y.shape} do not fit")
     out = np.empty((table.shape[2], len(x)), np.float32)

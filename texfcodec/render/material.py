@@ -1,7 +1,7 @@
-"""Lit colours of surface points: glTF's metallic-roughness model with the effects that each material uses, and their coding.
+"""Lit colours of surface points: glTF's metallic-roughness model with the effects that each material uses, and their sRGB coding.
 
-Points are walked in groups whose materials use the same effects, and a group calls only the terms of its effects: what no
-material in view uses is never computed.
+Points are processed in groups whose materials use the same effects. A group computes only the terms of its effects; effects that
+no material in view uses are never computed.
 """
 
 from __future__ import annotations
@@ -20,10 +20,29 @@ BLOCK = 1 << 14  # points at a time: the columns of one term stay in the cache
 
 
 def shade(points: Points, table: ShadingTable, environment: Environment, threads: int = 1) -> np.ndarray:
-    """Linear RGB radiance float32 [M, 3], finite and not negative, of points towards the eye.
+    """Radiance of points towards the eye.
 
-    Unlit materials give their base colour over the environment's exposure, so that expose() gives it back. The result does not
-    depend on threads. Raises IndexError for a material that the table does not hold.
+    Parameters
+    ----------
+    points : Points
+        M surface points.
+    table : ShadingTable
+        Their materials.
+    environment : Environment
+        Sky and lights.
+    threads : int
+        Most threads; the result does not depend on it.
+
+    Returns
+    -------
+    float32 [M, 3]
+        Linear RGB, finite and not negative. Unlit materials have their base colour divided by the environment's exposure, so that
+        expose() restores it.
+
+    Raises
+    ------
+    IndexError
+        A material is not in the table.
     """
     material = points.material
     if len(material) and (material.min() < 0 or material.max() >= len(table.effects)):
@@ -48,8 +67,20 @@ def shade(points: Points, table: ShadingTable, environment: Environment, threads
 
 
 def expose(radiance: np.ndarray, exposure: float = 1.0) -> np.ndarray:
-    """Radiance [M, 3] as sRGB-coded colour float32 [M, 3], 0..255: multiplied with exposure, clamped at 1, coded; no film curve,
-    so that a difference of pictures is one of light. NaN counts as 0."""
+    """sRGB-coded colours of radiance: multiplied by the exposure, clamped at 1, coded.
+
+    Parameters
+    ----------
+    radiance : float32 [M, 3]
+        Linear RGB; NaN counts as 0.
+    exposure : float
+        Factor.
+
+    Returns
+    -------
+    float32 [M, 3]
+        0..255. There is no film curve, so that a difference of pictures is a difference of light.
+    """
     out = np.empty(radiance.shape, np.float32)
     for begin in range(0, len(radiance), BLOCK):
         part = slice(begin, begin + BLOCK)
@@ -76,7 +107,7 @@ def _radiance(surface, effects, environment):
 
 
 def _base(surface, effects, environment):
-    """The base layer, metal and what is no metal, mixed; a run of points that is all of one kind pays for that alone."""
+    """Radiance of the base layer, a mix of metal and dielectric. If all points are of one kind, only that is computed."""
     straight, f90 = terms.specular(surface) if effects & {"specular", "ior"} else (terms.DIELECTRIC, np.float32(1))
     coloured = (lambda f0: terms.iridescence(surface, f0)) if "iridescence" in effects else (lambda f0: f0)
     lobe = terms.anisotropic_gloss(surface, environment) if "anisotropy" in effects else terms.gloss(surface, environment)

@@ -1,4 +1,4 @@
-"""What shading asks of materials: sound parameters, the effects that they use, and the channels that these read."""
+"""Inputs of shading from materials: valid parameters, the effects that they use, and the channels that these read."""
 
 from __future__ import annotations
 
@@ -22,8 +22,19 @@ TERMS = frozenset({"lit", "occlusion", "emission", "clearcoat", "sheen", "specul
 
 
 def sound_parameters(parameters: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
-    """Parameters that differ from the default, by name, out of any: one with a value that is not a number, or of another length,
-    counts as the default, negative ones as 0 (rotation excepted), values above LARGEST as LARGEST (distance excepted)."""
+    """Valid parameters from any: those that differ from the default.
+
+    Parameters
+    ----------
+    parameters : mapping of str to sequence of float
+        By name; any values.
+
+    Returns
+    -------
+    dict
+        A parameter with a NaN or of another length counts as the default, negative values as 0 (rotation excepted), values above
+        LARGEST as LARGEST (distance excepted).
+    """
     out = {}
     for parameter in PARAMETERS:
         given = tuple(float(value) for value in parameters.get(parameter.name, parameter.default))
@@ -36,8 +47,18 @@ def sound_parameters(parameters: Mapping[str, Sequence[float]]) -> dict[str, tup
 
 
 def shading_effects(material: Material) -> frozenset[str]:
-    """Names of the effects (texfcodec.scene.effects) that a material of sound parameters uses and that can be seen: what happens
-    inside a volume is not where nothing goes through its surface."""
+    """Names of the visible effects of a material (texfcodec.scene.effects).
+
+    Parameters
+    ----------
+    material : Material
+        With valid parameters.
+
+    Returns
+    -------
+    frozenset of str
+        Without the effects of a volume if no light passes the material's surface.
+    """
     names = {effect.name for effect in effects_of(material)}
     if "transmission" not in names:
         names -= {"dispersion"} if "diffuse_transmission" in names else {"dispersion", "volume"}
@@ -45,8 +66,10 @@ def shading_effects(material: Material) -> frozenset[str]:
 
 
 class ShadingTable:
-    """What shading asks of materials. materials: with sound parameters; effects: of each, names; values: parameter -> float32 [K,
-    C]."""
+    """Materials as shading reads them.
+
+    materials: with valid parameters; effects: names of the effects of each; values: parameter -> float32 [K, C].
+    """
 
     def __init__(self, materials: Sequence[Material]) -> None:
         self.materials = [replace(m, parameters=sound_parameters(m.parameters)) for m in materials]
@@ -56,12 +79,14 @@ class ShadingTable:
 
     @property
     def is_lit(self) -> bool:
-        """Whether any material asks for light; a scene without one is drawn as it is without shading."""
+        """Whether any material is lit; a scene without such a material looks the same with and without shading."""
         return any("lit" in effects for effects in self.effects)
 
     def wanted_channels(self, numbers: Collection[int] | None = None) -> frozenset[str]:
-        """Names of the channels, with a map in some material, that the effects of materials read beside base colour. numbers: of
-        the materials that are seen, None for all."""
+        """Names of the channels beside base colour that the effects of materials read and that have a map in a material.
+
+        numbers: of the visible materials, None for all.
+        """
         wanted: set[str] = set()
         for number in range(len(self.effects)) if numbers is None else numbers:
             read = {name for effect in self.effects[number] for name in EFFECT_BY_NAME[effect].channels}
@@ -69,11 +94,11 @@ class ShadingTable:
         return frozenset(wanted)
 
     def final(self, name: str, material: np.ndarray, share: np.ndarray) -> np.ndarray:
-        """Final values float32 [M, C] of a channel from its map's, share [M, C] (linear, 0..1), of materials [M]."""
+        """Final values float32 [M, C] of a channel, from values of its map. share: [M, C] linear, 0..1; material: [M]."""
         parameter = BY_NAME[name].parameter
         return with_factor(name, np.asarray(share, np.float32), self.values[parameter][material] if parameter else None)
 
     def constant(self, name: str, material: np.ndarray) -> np.ndarray:
-        """Final values float32 [M, C] of a channel that has no map, of materials [M]."""
+        """Final values float32 [M, C] of a channel without a map. material: [M]."""
         share = np.array(neutral_values(name), np.float32) / np.float32(255)
         return self.final(name, material, np.broadcast_to(share, (len(material), len(share))))

@@ -1,4 +1,4 @@
-"""What the fragments of a picture ask of decoded fields."""
+"""Samples of decoded fields at the fragments of a picture."""
 
 from __future__ import annotations
 
@@ -18,12 +18,23 @@ Question = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 class Questions:
-    """Asks fields of a Texf for one picture.
+    """Samples fields of a Texf for one picture.
 
-    positions: float64 [V, 3] world; faces: int64 [F, 3]: texf's own, or of the same faces in the same order; deepest: depth that
-    no fragment exceeds, None without filtering, which needs no camera. Filtering asks, where a pixel is wider than a voxel or
-    texel, the coarser levels around the pixel's width, mixed between the nearest two; elsewhere the answer is exactly that of the
-    Texf at the point.
+    If a pixel is wider than a voxel or texel, filtering mixes the two levels nearest to the pixel's width; elsewhere values are
+    exactly those of the Texf at the point.
+
+    Parameters
+    ----------
+    texf : Texf
+        A decoded stream.
+    camera : Camera, optional
+        Needed for filtering alone.
+    deepest : float, optional
+        Largest depth of any fragment; None: no filtering.
+    positions : float64 [V, 3]
+        World.
+    faces : int64 [F, 3]
+        texf's own, or others for the same faces in the same order.
     """
 
     def __init__(self, texf: Texf, camera: Camera | None, deepest: float | None, positions: np.ndarray,
@@ -37,7 +48,9 @@ class Questions:
 
     def of_field(self, number: int, names: Sequence[str] = ()) -> Question:
         """Function (face int64 [M], bary float64 [M, 3], depth float64 [M]) -> values float32 [M, C], 0..255, of field `number`.
-        names: of planes that have one support, whose values stand side by side; none: colour and alpha, four columns."""
+
+        names: of planes that have one support, whose values are side by side; empty: colour and alpha, four columns.
+        """
         pyramid = pyramid_of(self.texf.fields[number], names)
         if self.texf.fields[number].over_texels:
             return self._of_texels(number, pyramid)
@@ -65,7 +78,7 @@ class Questions:
         return ask
 
     def _of_texels(self, number, pyramid):
-        """How many texels a pixel covers differs from face to face."""
+        """Function of of_field() for a field over texels; the number of texels in a pixel differs from face to face."""
         support = pyramid.level(0).support
         support.rank  # noqa: B018  built now, so that the threads only read
         if self._density is None:
@@ -84,7 +97,8 @@ class Questions:
         return texels_per_unit(self.positions[self.faces], self._uv[self.faces]) * self._pixel
 
     def _build(self, pyramid, widest):
-        """Builds the levels that pixels of up to so many cells (at depth 1 in perspective) ask, before threads do."""
+        """Builds the levels for pixels that are at most `widest` cells wide (at depth 1 if perspective), before threads read
+        them."""
         if self._perspective:
             widest *= self.deepest
         if widest > 1:
@@ -95,8 +109,10 @@ class Questions:
 
 
 def _answered(pyramid: Pyramid, finest, places, wide):
-    """Values at places that are `wide` cells wide, float64 scalar or [M]. finest: function of numbers of places -> answers of
-    level 0; places: what Level.query takes, [M, ...]."""
+    """Values at places that are `wide` cells wide, float64 scalar or [M].
+
+    finest: function (numbers of places) -> values of level 0; places: those of Level.query, [M, ...].
+    """
     if not np.any(wide > 1):
         return finest(slice(None))
     fineness = np.minimum(np.log2(np.maximum(wide, 1)), pyramid.last)
@@ -105,8 +121,20 @@ def _answered(pyramid: Pyramid, finest, places, wide):
 
 
 def mixed(level: Callable[[int, np.ndarray], np.ndarray], fineness: np.ndarray) -> np.ndarray:
-    """Values float32 [M, C] mixed between the two levels around `fineness`, float64 [M]. level: function of the level's number
-    and the places that ask it, int64 [m], -> values [m, C]."""
+    """Values mixed between the two levels around a fractional level.
+
+    Parameters
+    ----------
+    level : function (int, int64 [m]) -> float [m, C]
+        Values of a level at some of the places.
+    fineness : float64 [M]
+        Fractional level of each place.
+
+    Returns
+    -------
+    float32 [M, C]
+        The values.
+    """
     out = None
     for number in range(int(fineness.min()), int(np.ceil(fineness.max())) + 1):
         share = np.maximum(1 - np.abs(fineness - number), 0).astype(np.float32)
@@ -120,8 +148,20 @@ def mixed(level: Callable[[int, np.ndarray], np.ndarray], fineness: np.ndarray) 
 
 
 def texels_per_unit(corners: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Texels along one unit of length in the world, of every face: float64 [F]; 0 where a face has no area. corners: float64 [F,
-    3, 3], world; uv: float64 [F, 3, 2], texels."""
+    """Texels along one unit of length in the world.
+
+    Parameters
+    ----------
+    corners : float64 [F, 3, 3]
+        World.
+    uv : float64 [F, 3, 2]
+        Texels.
+
+    Returns
+    -------
+    float64 [F]
+        0 if a face has no area.
+    """
     world = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     u, v = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     flat = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
@@ -136,8 +176,29 @@ def _voxels_per_unit(texf, support):
 
 
 def surface_points(face: np.ndarray, bary: np.ndarray, positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """World points float64 [M, 3] of faces int64 [M] at barycentric coordinates float64 [M, 3]. positions: float64 [V, 3]; faces:
-    int64 [F, 3] below V; both contiguous. Raises IndexError for a face that is not there."""
+    """World points of barycentric coordinates.
+
+    Parameters
+    ----------
+    face : int64 [M]
+        Face of each point.
+    bary : float64 [M, 3]
+        Barycentric coordinates.
+    positions : float64 [V, 3]
+        Contiguous.
+    faces : int64 [F, 3]
+        Below V; contiguous.
+
+    Returns
+    -------
+    float64 [M, 3]
+        The points.
+
+    Raises
+    ------
+    IndexError
+        There is no such face.
+    """
     if len(face) and (face.min() < 0 or face.max() >= len(faces)):
         raise IndexError("face index outside the mesh")
     return _surface_points(face, bary, positions, faces)

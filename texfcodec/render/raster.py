@@ -1,8 +1,8 @@
-"""The rasteriser: which face each pixel's centre sees, and where on that face.
+"""The rasteriser: the face that is visible at each pixel's centre, and the point on that face.
 
-Exact by construction: corners are snapped to 1/256 pixel and everything about coverage is int64, so two faces along an edge share
-its pixels out without overlap or gap (top-left rule). Pixels keep only depth and face while faces compete; the barycentric
-coordinates are computed afterwards, once per visible pixel, from the face as it was before snapping.
+Exact by construction: corners are snapped to 1/256 pixel and all coverage is computed in int64, so two faces along an edge share
+its pixels without overlap or gap (top-left rule). Pixels keep only depth and face while faces compete; the barycentric
+coordinates are computed afterwards, once per visible pixel, from the face before snapping.
 """
 
 from __future__ import annotations
@@ -39,18 +39,55 @@ class Fragments:
 
 def rasterise(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bool = True, two_sided: np.ndarray | None = None,
               threads: int = 1, beyond: np.ndarray | None = None) -> Fragments:
-    """What the camera sees of a mesh: Fragments, the nearest face of every pixel centre, of equally near ones the lowest number.
+    """Visible faces of a mesh: the nearest face at every pixel centre, and of equally near ones that with the lowest number.
 
-    positions: float64 [V, 3] world; faces: int64 [F, 3], counter-clockwise seen from outside; cull: leave out back faces;
-    two_sided: bool [F], faces never culled; beyond: float64 [height * width], only what is strictly deeper counts (peeling).
-    Degenerate faces and faces with a corner that is not finite are not seen; a perspective camera may stand inside the mesh.
-    The result does not depend on threads. Raises IndexError for a face that names no position, ValueError for wrong shapes.
+    Parameters
+    ----------
+    camera : Camera
+        It may stand inside the mesh if perspective.
+    positions : float64 [V, 3]
+        World.
+    faces : int64 [F, 3]
+        Counter-clockwise seen from outside. Degenerate faces and faces with a corner that is not finite are invisible.
+    cull : bool
+        Leave out back faces.
+    two_sided : bool [F], optional
+        Faces that are never culled.
+    threads : int
+        Most threads; the result does not depend on it.
+    beyond : float64 [height * width], optional
+        Only points that are strictly deeper count (depth peeling).
+
+    Returns
+    -------
+    Fragments
+        One entry per covered pixel.
+
+    Raises
+    ------
+    IndexError
+        A face names no position.
+    ValueError
+        Shapes are wrong.
     """
     return visible(set_up(camera, positions, faces, cull, two_sided), threads, beyond)
 
 
 def visible(triangles: Triangles, threads: int = 1, beyond: np.ndarray | None = None) -> Fragments:
-    """As rasterise(), of Triangles that set_up() has made; for several passes over the same faces."""
+    """As rasterise(), for several passes over the same faces.
+
+    Parameters
+    ----------
+    triangles : Triangles
+        Of set_up().
+    threads, beyond
+        As of rasterise().
+
+    Returns
+    -------
+    Fragments
+        One entry per covered pixel.
+    """
     camera = triangles.camera
     width, height = camera.width, camera.height
     beyond = np.zeros(0) if beyond is None else np.ascontiguousarray(beyond, np.float64)
@@ -82,9 +119,11 @@ def _room(count, width, height):
 
 @kernel
 def _narrow(ax, ay, bx, by, py, left, right):
-    """Cuts the pixels left..right of the row whose centre is py to those on the inner side of the edge from a to b, borders by
-    the top-left rule. The triangle is clockwise on the screen (y down), so inside is where
-    e(x) = (bx - ax) (py - ay) - (by - ay) (256 x + 128 - ax) >= 0. |e| < 2**60: coordinates are below 2**29."""
+    """Cuts the pixels left..right of a row to those on the inner side of the edge from a to b; the top-left rule decides borders.
+
+    py: the row's centre. The triangle is clockwise on the screen (y down), so inside is where e(x) = (bx - ax) (py - ay) - (by -
+    ay) (256 x + 128 - ax) >= 0. |e| < 2**60: coordinates are below 2**29.
+    """
     dx, dy = bx - ax, by - ay
     e = dx * (py - ay) - dy * (128 - ax)
     if dy < 0:  # a left edge owns its points
@@ -96,7 +135,8 @@ def _narrow(ax, ay, bx, by, py, left, right):
 
 @kernel
 def _span(corner, y, last):
-    """First and last pixel of row y whose centres a triangle, int64 [6], covers, within 0..last; first > last for none."""
+    """First and last pixel of row y whose centres a triangle covers, within 0..last; first > last if there is none. corner: int64
+    [6]."""
     py = 256 * y + 128
     left, right = _narrow(corner[0], corner[1], corner[2], corner[3], py, np.int64(0), last)
     left, right = _narrow(corner[2], corner[3], corner[4], corner[5], py, left, right)
@@ -105,7 +145,7 @@ def _span(corner, y, last):
 
 @kernel
 def _nearness(plane, x, y):
-    """Nearness of a triangle at a pixel centre; a function of the pixel alone, however the picture is cut."""
+    """Nearness of a triangle at a pixel centre. It depends on the pixel alone, not on the division of the picture into bands."""
     return min(max(plane[0] + plane[2] * y + plane[1] * x, plane[3]), plane[4])
 
 
@@ -116,9 +156,11 @@ def _depth(nearness, perspective):
 
 @kernel(allocates=True)
 def _fill(corner, plane, members, top, perspective, beyond, winner):
-    """Lets the members compete for one band. winner: int [rows, width], rows from picture row `top` on: gets the triangle that
-    each pixel sees, or -1. Returns the pixels covered. Bounds: rows and spans are cut to the band; beyond is empty or covers the
-    whole picture."""
+    """Fills one band with the nearest members and returns the number of covered pixels.
+
+    winner: int [rows, width], rows from picture row `top` on: gets the visible triangle of each pixel, or -1. Bounds: rows and
+    spans are cut to the band; beyond is empty or covers the whole picture.
+    """
     rows, width = winner.shape
     nearest = np.full((rows, width), -np.inf)
     winner[:] = -1
@@ -145,9 +187,12 @@ def _fill(corner, plane, members, top, perspective, beyond, winner):
 
 @kernel
 def _barycentric(seen, a, b, c, x, y, perspective, out):
-    """Barycentric coordinates, into out float64 [3], of the point of a face that is seen through (x, y), pixels from the
-    picture's centre. Determinants of the corners with the ray, so that corners behind the camera do no harm. Snapping may show a
-    point just outside the face: then the point of the face that is nearest on the screen is taken."""
+    """Writes the barycentric coordinates of the point of a face that is visible at (x, y) into out float64 [3].
+
+    x, y: pixels from the picture's centre. The coordinates are determinants of the corners with the ray, so that corners behind
+    the camera do no harm. After snapping the point may be just outside the face: then the nearest point of the face on the screen
+    is taken.
+    """
     wa, wb, wc = (seen[a, 2], seen[b, 2], seen[c, 2]) if perspective else (1.0, 1.0, 1.0)
     ax, ay = seen[a, 0] - x * wa, seen[a, 1] - y * wa
     bx, by = seen[b, 0] - x * wb, seen[b, 1] - y * wb

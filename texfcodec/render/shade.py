@@ -1,4 +1,4 @@
-"""Pictures: fragments get their colours, from the source's textures or from decoded fields."""
+"""Pictures: fragments get their colours from the source's textures or from decoded fields."""
 
 from __future__ import annotations
 
@@ -30,8 +30,20 @@ BLOCK = 1 << 16  # fragments shaded at a time
 
 
 def box_down(image: np.ndarray, times: int) -> np.ndarray:
-    """The picture at 1 / times of its size, each pixel the rounded mean of times x times coded values: uint8 [H, W, 3] ->
-    uint8 [H // times, W // times, 3]."""
+    """The picture at 1 / times of its size: each pixel is the rounded mean of times x times coded values.
+
+    Parameters
+    ----------
+    image : uint8 [H, W, 3]
+        The picture.
+    times : int
+        Divisor.
+
+    Returns
+    -------
+    uint8 [H // times, W // times, 3]
+        The small picture.
+    """
     height, width = image.shape[0] // times, image.shape[1] // times
     blocks = image[: height * times, : width * times].reshape(height, times, width, times, 3)
     return ((blocks.sum(axis=(1, 3), dtype=np.uint32) + times * times // 2) // (times * times)).astype(np.uint8)
@@ -39,10 +51,10 @@ def box_down(image: np.ndarray, times: int) -> np.ndarray:
 
 @dataclass
 class Picture:
-    """What a camera saw, before rounding and without a background.
+    """A camera's picture, before rounding and without a background.
 
-    width, height: pixels; pixel: int64 [M] ascending, row * width + column of the covered ones; colour: float32 [M, 3] RGB in
-    0..255, sRGB-coded, straight; alpha: float32 [M], 0..1, below 1 only where nothing opaque stands behind what is seen through.
+    width, height: pixels; pixel: int64 [M] ascending, row * width + column of the covered pixels; colour: float32 [M, 3] RGB in
+    0..255, sRGB-coded, straight; alpha: float32 [M], 0..1, below 1 only if no opaque surface is behind the transparent ones.
     """
 
     width: int
@@ -52,7 +64,7 @@ class Picture:
     alpha: np.ndarray
 
     def image(self, background: Background = (255, 255, 255)) -> np.ndarray:
-        """uint8 [height, width, 3] over a background; what is not a number becomes 0."""
+        """The picture over a background, uint8 [height, width, 3]; NaN becomes 0."""
         out = np.empty((self.height, self.width, 3), np.uint8)
         out[:] = rows(background, self.height)
         _paint(self.pixel, self.colour, self.alpha, out.reshape(-1, 3))
@@ -63,17 +75,45 @@ def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int =
                  shaded: Lighting | Environment | None = None) -> Picture:
     """Picture of a Scene with its own textures (bilinear, as glTF defines them).
 
-    cull: leave out back faces of materials that are not double-sided; source: pack_source(scene), or Textures of it, which may
-    have mip levels, to use again for other views; shaded: the light, or the scene's Lighting to use again; None shows the base
-    colour as it is. Alpha: see layers.composite. A scene of which nothing is seen is an empty Picture.
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    camera : Camera
+        The camera.
+    cull : bool
+        Leave out back faces of materials that are not double-sided.
+    threads : int
+        Most threads.
+    source : PackedSource or Textures, optional
+        pack_source(scene), or Textures of it, which may have mip levels, to use again for other views.
+    shaded : Environment or Lighting, optional
+        The light, or the scene's Lighting to use again; None: the base colour as it is.
+
+    Returns
+    -------
+    Picture
+        Alpha is as in depth_layers.composite(). A scene without visible faces gives an empty Picture.
     """
     return render_lights(scene, camera, [_lighting(scene, shaded)], cull, threads, source)[0]
 
 
 def render_lights(scene: Scene, camera: Camera, lights: Sequence[Lighting | None], cull: bool = True, threads: int = 1,
                   source: PackedSource | Textures | None = None) -> list[Picture]:
-    """Pictures of a Scene as of render_scene(), one for each light. What is seen, and its colour, is looked for once
-    where all is opaque."""
+    """Pictures of a Scene in several lights. If all is opaque, visibility and base colour are computed once.
+
+    Parameters
+    ----------
+    lights : sequence of Lighting or None
+        Of the scene; None: the base colour as it is.
+    scene, camera, cull, threads, source
+        As of render_scene().
+
+    Returns
+    -------
+    list of Picture
+        One for each light.
+    """
     source = pack_source(scene) if source is None else source
     triangles = set_up(camera, scene.positions, scene.faces, cull, _two_sided(scene.materials, scene.face_material))
 
@@ -87,8 +127,22 @@ def render_lights(scene: Scene, camera: Camera, lights: Sequence[Lighting | None
 
 def render_texf(texf: Texf, camera: Camera, cull: bool = True, filtering: bool = True, threads: int = 1,
                 shaded: Lighting | Environment | None = None) -> Picture:
-    """Picture of a decoded Texf; arguments as in render_scene() and shade_field(). A Texf without fields has no colour and is an
-    empty Picture."""
+    """Picture of a decoded Texf.
+
+    Parameters
+    ----------
+    texf : Texf
+        A decoded stream.
+    camera, cull, threads, shaded
+        As of render_scene().
+    filtering : bool
+        As of shade_field().
+
+    Returns
+    -------
+    Picture
+        Empty for a Texf without fields, which has no colour.
+    """
     if not texf.fields:
         return Picture(camera.width, camera.height, np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
     positions, faces, face_material, light = texf.positions, texf.faces, texf.face_material, _lighting(texf, shaded)
@@ -105,23 +159,61 @@ def _lighting(asset, shaded):
 
 
 def _in_light(light, camera, fragments, rgba, filtering, threads):
-    """Colours float32 [M, 3]: the base colour as it is without light, else in light."""
+    """Colours float32 [M, 3]: the base colour without a light, else the lit colour."""
     return rgba[:, :3] if light is None else light.coded(camera, fragments, rgba, filtering, threads)
 
 
 def shade_source(source: PackedSource, fragments: Fragments, threads: int = 1) -> np.ndarray:
-    """Source colours float32 [M, 4] RGBA, 0..255; UVs that are not finite are read as 0."""
+    """Source colours of fragments.
+
+    Parameters
+    ----------
+    source : PackedSource
+        UVs that are not finite are read as 0.
+    fragments : Fragments
+        M visible points.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    float32 [M, 4]
+        RGBA, 0..255.
+    """
     return sample_source(with_finite_uvs(source), fragments.face, fragments.bary, threads)
 
 
 def shade_field(texf: Texf, camera: Camera, fragments: Fragments, positions: np.ndarray, faces: np.ndarray,
                 filtering: bool = True, threads: int = 1) -> np.ndarray:
-    """Field colours float32 [M, 4] RGBA, 0..255, each fragment asking the field of its face.
+    """Field colours of fragments, each from the field of its face.
 
-    positions: float64 [V, 3] world; faces: int64 [F, 3]: texf's own, or of the same faces in the same order. filtering: where a
-    pixel is wider than a voxel, ask the coarser levels of the field around the pixel's width, mixed between the nearest two;
-    elsewhere, and everywhere without filtering, this is exactly Texf.query at the fragments' points. Where two surfaces are
-    closer than a coarse voxel, filtering mixes them, as lower levels of detail do.
+    Parameters
+    ----------
+    texf : Texf
+        A decoded stream.
+    camera : Camera
+        The camera.
+    fragments : Fragments
+        M visible points.
+    positions : float64 [V, 3]
+        World.
+    faces : int64 [F, 3]
+        texf's own, or others for the same faces in the same order.
+    filtering : bool
+        If a pixel is wider than a voxel, mix the two levels of the field nearest to the pixel's width. Where two surfaces are
+        closer than a coarse voxel this mixes them, as lower levels of detail do.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    float32 [M, 4]
+        RGBA, 0..255; without filtering, and for narrower pixels, exactly those of Texf.query at the fragments' points.
+
+    Raises
+    ------
+    IndexError
+        A face index is outside the mesh.
     """
     out = np.zeros((len(fragments.face), 4), np.float32)
     if len(fragments.face) and (fragments.face.min() < 0 or fragments.face.max() >= len(faces)):
@@ -141,8 +233,8 @@ def shade_field(texf: Texf, camera: Camera, fragments: Fragments, positions: np.
 
 
 def _render(triangles, materials, face_material, threads, shade, lights, filtering=True):
-    """Pictures of ready triangles, one for each light. shade: Fragments -> float32 [M, 4], base colour and alpha. One pass where
-    every face is opaque."""
+    """Pictures of triangles, one for each light; a single pass if every face is opaque. shade: Fragments -> float32 [M, 4], base
+    colour and alpha."""
     camera = triangles.camera
     width, height = camera.width, camera.height
     if not see_through(materials, face_material):
@@ -165,7 +257,7 @@ def _two_sided(materials, face_material):
 
 @kernel
 def _paint(pixel, colour, alpha, image):
-    """Writes colours over the background that stands in image, uint8 [height * width, 3]; pixels outside it are passed over."""
+    """Writes colours over the background in image, uint8 [height * width, 3]; pixels outside it are skipped."""
     for i in range(pixel.shape[0]):
         p = pixel[i]
         if p < 0 or p >= image.shape[0]:

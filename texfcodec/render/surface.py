@@ -1,4 +1,4 @@
-"""Points to be shaded: as a caller hands them over, and one run of them as the terms take them."""
+"""Points to be shaded: as a caller passes them, and a run of them as the terms read them."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ UNBOUNDED = frozenset({"emissive", "thickness"})  # channels whose final values 
 
 @dataclass(kw_only=True)
 class Points:
-    """M surface points that a camera sees.
+    """M surface points in view.
 
-    material: int64 [M] into the table; normal: float32 [M, 3] world, of shading, with the normal map; view: float32 [M, 3] from
-    the point to the eye; values: channel name -> float32 [M, C], final (ShadingTable.final), linear; a channel that is not there
-    holds ShadingTable.constant everywhere; of a channel that is, the caller fills in the constant where a material has no map.
-    tangent: float32 [M, 4] world and handedness, asked only for anisotropy; coat_normal: float32 [M, 3] of the clear coat, which
-    glTF leaves without the base's normal map; without it the coat takes normal. Directions of any length; one that is zero or not
-    finite counts as the view, and such a view as +z. In values, NaN and what is negative count as 0, what is above 1 as 1
-    (emissive and thickness as LARGEST).
+    material: int64 [M] into the table; normal: float32 [M, 3] world, shading normals with the normal map; view: float32 [M, 3]
+    from the point to the eye; values: channel name -> float32 [M, C], final (ShadingTable.final), linear; tangent: float32 [M, 4]
+    world and handedness, read only for anisotropy; coat_normal: float32 [M, 3] of the clear coat, to which glTF does not apply
+    the base's normal map; without it the coat takes normal.
+
+    A channel that is absent from values has ShadingTable.constant everywhere; in a channel that is present, the caller fills in
+    the constant for materials without a map. In values, NaN and negative numbers count as 0, numbers above 1 as 1 (emissive and
+    thickness as LARGEST). Directions are of any length; a direction that is zero or not finite counts as the view, and such a
+    view as +z.
     """
 
     material: np.ndarray
@@ -46,7 +48,7 @@ class Surface:
         self.base = self.value("base_colour")
 
     def stand(self) -> None:
-        """Reads what every lit point needs beyond its colour."""
+        """Reads the inputs that every lit point needs beyond its colour."""
         up = np.zeros((3, len(self.material)), np.float32)
         up[2] = 1
         self.view = unit(self._points.view[self._chosen], up)
@@ -64,7 +66,7 @@ class Surface:
         return np.fmin(np.fmax(columns, np.float32(0)), np.float32(LARGEST if name in UNBOUNDED else 1))
 
     def scalar(self, name: str) -> np.ndarray:
-        """The only component [m] of a channel."""
+        """Values [m] of a channel of one component."""
         return self.value(name)[0]
 
     def parameter(self, name: str) -> np.ndarray:
@@ -92,7 +94,20 @@ class Surface:
 
 
 def unit(rows: np.ndarray, instead: np.ndarray) -> np.ndarray:
-    """Rows [m, 3] as unit columns float32 [3, m]; where a row is zero or not finite, the column of `instead` [3, m]."""
+    """Unit columns of rows.
+
+    Parameters
+    ----------
+    rows : float [m, 3]
+        Vectors.
+    instead : float32 [3, m]
+        Columns for rows that are zero or not finite.
+
+    Returns
+    -------
+    float32 [3, m]
+        The columns.
+    """
     columns: np.ndarray = np.ascontiguousarray(rows.T, np.float32)
     with np.errstate(over="ignore", invalid="ignore"):
         square = dot(columns, columns)
@@ -109,12 +124,23 @@ def unit(rows: np.ndarray, instead: np.ndarray) -> np.ndarray:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Vector products [3, M]."""
+    """Vector products of columns.
+
+    Parameters
+    ----------
+    a, b : float32 [3, M]
+        Vectors.
+
+    Returns
+    -------
+    float32 [3, M]
+        The products.
+    """
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def _across(n):
-    """Some unit direction [3, m] orthogonal to each normal."""
+    """A unit direction [3, m] orthogonal to each normal."""
     axis = np.where(np.abs(n[0]) < 0.7, np.array([[1], [0], [0]], np.float32), np.array([[0], [1], [0]], np.float32))
     side = axis - dot(n, axis) * n
     return side / np.sqrt(dot(side, side))

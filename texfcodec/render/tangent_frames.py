@@ -9,7 +9,22 @@ from .surface import cross, unit
 
 
 def interpolate_corners(corner: np.ndarray, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
-    """What corners hold, float32 [F, 3, C], at points of faces int64 [M] with barycentric coordinates [M, 3]: float32 [M, C]."""
+    """Values of corners at points of faces.
+
+    Parameters
+    ----------
+    corner : float32 [F, 3, C]
+        Values at each face's corners.
+    face : int64 [M]
+        Face of each point.
+    bary : float [M, 3]
+        Barycentric coordinates.
+
+    Returns
+    -------
+    float32 [M, C]
+        Interpolated values.
+    """
     weights = np.asarray(bary, np.float32)
     out = corner[face, 0] * weights[:, :1]
     out += corner[face, 1] * weights[:, 1:2]
@@ -18,14 +33,41 @@ def interpolate_corners(corner: np.ndarray, face: np.ndarray, bary: np.ndarray) 
 
 
 def towards_viewer(normal: np.ndarray, geometric: np.ndarray, view: np.ndarray) -> np.ndarray:
-    """Normals [M, 3], turned over where the face is seen from behind, as glTF asks of double-sided materials. geometric: [M, 3]
-    of the face, counter-clockwise; view: [M, 3] from the point to the eye."""
+    """Normals, turned over if the face is seen from behind, as in glTF for double-sided materials.
+
+    Parameters
+    ----------
+    normal : float32 [M, 3]
+        Shading normals.
+    geometric : float32 [M, 3]
+        Normals of the faces, counter-clockwise.
+    view : float32 [M, 3]
+        From the points to the eye.
+
+    Returns
+    -------
+    float32 [M, 3]
+        Towards the eye.
+    """
     behind = np.einsum("mk,mk->m", geometric, view) < 0
     return np.where(behind[:, None], -normal, normal)
 
 
 def usable_normals(normal: np.ndarray, geometric: np.ndarray) -> np.ndarray:
-    """Unit normals float32 [M, 3]: normal; where that is zero or not finite, geometric; where that is neither, +z."""
+    """Unit normals without zeros and values that are not finite.
+
+    Parameters
+    ----------
+    normal : float32 [M, 3]
+        First choice.
+    geometric : float32 [M, 3]
+        Second choice; the third is +z.
+
+    Returns
+    -------
+    float32 [M, 3]
+        Unit and finite.
+    """
     up = np.zeros((3, len(normal)), np.float32)
     up[2] = 1
     return np.ascontiguousarray(unit(normal, unit(geometric, up)).T)
@@ -33,12 +75,25 @@ def usable_normals(normal: np.ndarray, geometric: np.ndarray) -> np.ndarray:
 
 def tangent_space_normals(texel: np.ndarray, scale: np.ndarray | float, normal: np.ndarray, tangent: np.ndarray,
                           geometric: np.ndarray) -> np.ndarray:
-    """World normals float32 [M, 3] of a tangent-space map.
+    """World normals of a tangent-space map.
 
-    texel: [M, 2] red and green, 0..255; 127.5 is 0; blue follows from length 1, and is 0 where red and green are longer. scale:
-    [M] or one, of glTF's normalTexture; normal: [M, 3], interpolated; tangent: [M, 4], interpolated, with the bitangent's sign,
-    which is cross(normal, tangent) times it; geometric: [M, 3] of the face. Where the tangent or the texel is of no use, the
-    result is the interpolated normal; where that is of no use, the geometric one; see usable_normals().
+    Parameters
+    ----------
+    texel : float [M, 2]
+        Red and green, 0..255; 127.5 is 0. Blue follows from length 1, and is 0 if red and green are longer.
+    scale : float or float [M]
+        Of glTF's normalTexture.
+    normal : float32 [M, 3]
+        Interpolated.
+    tangent : float32 [M, 4]
+        Interpolated; the bitangent is cross(normal, tangent) times the fourth column.
+    geometric : float32 [M, 3]
+        Normals of the faces.
+
+    Returns
+    -------
+    float32 [M, 3]
+        The interpolated normal if the tangent or the texel is unusable; see usable_normals().
     """
     n = usable_normals(normal, geometric).T
     t = unit(tangent[:, :3], np.zeros_like(n))
@@ -54,8 +109,20 @@ def tangent_space_normals(texel: np.ndarray, scale: np.ndarray | float, normal: 
 
 
 def deviated_normals(deviation: np.ndarray, normal: np.ndarray, geometric: np.ndarray) -> np.ndarray:
-    """World normals float32 [M, 3] of a map of deviations in object space: normal + deviation, renewed in length. deviation: [M,
-    3]; where the sum is zero or not finite the result is the normal; normal and geometric as in usable_normals()."""
+    """World normals of a map of deviations in object space: normal + deviation, scaled to length 1.
+
+    Parameters
+    ----------
+    deviation : float32 [M, 3]
+        Of the map.
+    normal, geometric
+        As of usable_normals().
+
+    Returns
+    -------
+    float32 [M, 3]
+        The normal if the sum is zero or not finite.
+    """
     n = usable_normals(normal, geometric)
     with np.errstate(invalid="ignore", over="ignore"):
         total = n + np.asarray(deviation, np.float32)

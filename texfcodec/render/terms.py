@@ -1,8 +1,8 @@
-"""The terms of glTF's materials, each a function of its own that takes a Surface and an Environment.
+"""The terms of glTF's materials, each a function of a Surface and an Environment.
 
-Every result is float32, one column per point. Layers lie on each other as glTF puts them: the base, sheen over it, emission, the
-clear coat over all. What a layer keeps from those below is its own reflectance under a white sky, so that no stack of layers
-gives more light than it gets. Occlusion darkens what comes from the sky, not the lights.
+Every result is float32, one column per point. Layers are in glTF's order: the base, sheen over it, emission, the clear coat over
+all. Each layer reduces the light of those below by its own reflectance under a white sky, so that no stack of layers gives more
+light than it gets. Occlusion darkens the sky's light, not that of the lights.
 """
 
 from __future__ import annotations
@@ -36,8 +36,11 @@ DISPERSION_SPREAD = np.float32(0.025)  # half the spread of ior over (ior - 1) a
 
 @dataclass
 class Gloss:
-    """A point's GGX lobe before Fresnel's law. lights: of the lights; sky: [3, m] prefiltered, occluded; a, b: [m], its
-    reflectance under a white sky at Fresnel's two ends."""
+    """GGX lobe of points before Fresnel's law.
+
+    lights: its light from the lights; sky: [3, m] prefiltered, occluded; a, b: [m], its reflectance under a white sky at
+    Fresnel's two ends.
+    """
 
     lights: LightSums
     sky: np.ndarray
@@ -45,12 +48,12 @@ class Gloss:
     b: np.ndarray
 
     def gain(self, f0: Reflectance) -> np.ndarray:
-        """What light that bounces more than once within the roughness adds, as a factor (Turquin, Practical multiple scattering
-        compensation for microfacet models, 2019)."""
+        """Factor that adds the light of several bounces within the roughness (Turquin, Practical multiple scattering compensation
+        for microfacet models, 2019)."""
         return 1 + f0 * (1 / (self.a + self.b) - 1)
 
     def albedo(self, f0: Reflectance, f90: Reflectance) -> np.ndarray:
-        """Share of a white sky that is reflected, at most 1."""
+        """Reflected share of a white sky, at most 1."""
         return np.minimum(self.gain(f0) * (f0 * self.a + f90 * self.b), np.float32(1))
 
     def light(self, f0: Reflectance, f90: Reflectance) -> np.ndarray:
@@ -60,12 +63,31 @@ class Gloss:
 
 
 def occlusion(surface: Surface) -> None:
-    """Sets the share of the sky that reaches the points."""
+    """Sets the share of the sky that reaches the points.
+
+    Parameters
+    ----------
+    surface : Surface
+        m points; its sky_share is set.
+    """
     surface.sky_share = surface.scalar("occlusion")
 
 
 def gloss(surface: Surface, environment: Environment) -> Gloss:
-    """The base's lobe, round about the mirror direction."""
+    """The base's lobe, symmetric about the mirror direction.
+
+    Parameters
+    ----------
+    surface : Surface
+        m points.
+    environment : Environment
+        Sky and lights.
+
+    Returns
+    -------
+    Gloss
+        Before Fresnel's law.
+    """
     lights = ggx_lights(surface.normal, surface.view, surface.nv, surface.roughness**2, environment.lights)
     mirror = _leaning(reflected(surface.normal, surface.view, surface.cosine), surface.normal, surface.roughness)
     sky = environment.prefiltered(mirror, surface.roughness) * surface.sky_share
@@ -73,8 +95,19 @@ def gloss(surface: Surface, environment: Environment) -> Gloss:
 
 
 def anisotropic_gloss(surface: Surface, environment: Environment) -> Gloss:
-    """The base's lobe, wider along a direction of the surface (KHR_materials_anisotropy): exact under the lights. Under the sky
-    the round lobe is used, about the mirror direction of a normal that is bent towards the plane across that direction."""
+    """The base's lobe, wider along a direction of the surface (KHR_materials_anisotropy).
+
+    Parameters
+    ----------
+    surface, environment
+        As of gloss().
+
+    Returns
+    -------
+    Gloss
+        Exact under the lights. Under the sky the symmetric lobe is used, about the mirror direction of a normal that is bent
+        towards the plane across that direction.
+    """
     strength, along, across = _stretch(surface)
     alpha = surface.roughness**2
     wide = alpha + (1 - alpha) * strength * strength
@@ -89,8 +122,10 @@ def anisotropic_gloss(surface: Surface, environment: Environment) -> Gloss:
 
 
 def _stretch(surface):
-    """Strength [m] of the anisotropy, the direction [3, m] along which the lobe is wider, and the one across. A map's direction
-    without a length counts as the tangent."""
+    """Strength [m] of the anisotropy, the direction [3, m] along which the lobe is wider, and the direction across.
+
+    A map's direction without a length counts as the tangent.
+    """
     coded, turn = surface.value("anisotropy"), surface.parameter("anisotropy_rotation")[0]
     x, y = 2 * coded[0] - 1, 2 * coded[1] - 1
     length = np.sqrt(x * x + y * y)
@@ -102,20 +137,48 @@ def _stretch(surface):
 
 
 def _leaning(mirror, normal, roughness):
-    """Mirror directions, drawn towards the normal by what a rough lobe loses below the horizon; not renewed in length, which the
-    sky's height does not ask."""
+    """Mirror directions, bent towards the normal because a rough lobe loses its part below the horizon.
+
+    They are not scaled to length 1, because the sky reads their height only.
+    """
     return mirror + (normal - mirror) * (roughness * roughness)
 
 
 def specular(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """Reflectance of what is no metal, straight on [3, m] and grazing [m] (KHR_materials_specular, KHR_materials_ior)."""
+    """Reflectance of dielectrics (KHR_materials_specular, KHR_materials_ior).
+
+    Parameters
+    ----------
+    surface : Surface
+        m points.
+
+    Returns
+    -------
+    straight : float32 [3, m]
+        Seen straight on.
+    grazing : float32 [m]
+        At grazing angles.
+    """
     ior, strength = surface.parameter("ior")[0], surface.scalar("specular")
     straight = ((ior - 1) / (ior + 1)) ** 2
     return np.minimum(straight * surface.value("specular_colour"), np.float32(1)) * strength, strength
 
 
 def iridescence(surface: Surface, f0: Reflectance) -> np.ndarray:
-    """Reflectance straight on [3, m], mixed with that under a thin film (KHR_materials_iridescence)."""
+    """Reflectance straight on, mixed with that under a thin film (KHR_materials_iridescence).
+
+    Parameters
+    ----------
+    surface : Surface
+        m points.
+    f0 : float32 [3, m]
+        Without the film.
+
+    Returns
+    -------
+    float32 [3, m]
+        The mix.
+    """
     least, most = (surface.parameter(f"iridescence_thickness_{end}")[0] for end in ("minimum", "maximum"))
     thickness = least + (most - least) * surface.scalar("iridescence_thickness")
     ior = np.maximum(surface.parameter("iridescence_ior")[0], np.float32(1))
@@ -124,15 +187,46 @@ def iridescence(surface: Surface, f0: Reflectance) -> np.ndarray:
 
 
 def diffuse(surface: Surface, environment: Environment, lobe: Gloss, lost: np.ndarray) -> np.ndarray:
-    """Light [3, m] that a white diffuse surface gives under a dielectric interface. lost: [m], what the interface reflects of a
-    white sky. glTF takes Fresnel's law at each half vector for it, which gives more light than there is where views are steep."""
+    """Light that a white diffuse surface gives under a dielectric interface.
+
+    Parameters
+    ----------
+    surface, environment
+        As of gloss().
+    lobe : Gloss
+        The base's.
+    lost : float32 [m]
+        Share of a white sky that the interface reflects.
+
+    Returns
+    -------
+    float32 [3, m]
+        Radiance. glTF uses Fresnel's law at each half vector instead of lost, which gives more light than there is at steep
+        views.
+    """
     return (environment.irradiance(surface.normal) * surface.sky_share + lobe.lights.flat) * (1 - lost)
 
 
 def diffuse_transmission(surface: Surface, environment: Environment, under: np.ndarray, lost: np.ndarray,
                          tint: np.ndarray | None) -> np.ndarray:
-    """Diffuse light [3, m] of which a share comes from behind (KHR_materials_diffuse_transmission). under: what the base gives
-    back; lost: [m], reflected before it goes in; tint: [3, m] of the volume, or None."""
+    """Diffuse light, a share of which comes from behind (KHR_materials_diffuse_transmission).
+
+    Parameters
+    ----------
+    surface, environment
+        As of gloss().
+    under : float32 [3, m]
+        Diffuse light of the base.
+    lost : float32 [m]
+        Share of a white sky that is reflected before it enters.
+    tint : float32 [3, m], optional
+        Of the volume.
+
+    Returns
+    -------
+    float32 [3, m]
+        Radiance.
+    """
     light = environment.irradiance(-surface.normal)
     for source in environment.lights:
         behind = np.maximum(-dot(surface.normal, source.direction.astype(np.float32)), np.float32(0)) * INV_PI
@@ -145,9 +239,24 @@ def diffuse_transmission(surface: Surface, environment: Environment, under: np.n
 
 def transmission(surface: Surface, environment: Environment, under: np.ndarray, lost: np.ndarray, tint: np.ndarray | None,
                  disperses: bool) -> np.ndarray:
-    """Light [3, m] of which a share is seen through the surface (KHR_materials_transmission): the sky and the lights only, never
-    other surfaces. tint: None for a thin sheet, which is looked through straight; else of the volume, and the sky is looked at
-    along the ray that is refracted where it enters, as if it left unbent. lost: [m], reflected."""
+    """Light, a share of which is seen through the surface (KHR_materials_transmission): sky and lights only, never other
+    surfaces.
+
+    Parameters
+    ----------
+    surface, environment, under, lost
+        As of diffuse_transmission().
+    tint : float32 [3, m], optional
+        Of the volume. With it the sky is seen along the ray that is refracted at its entry, as if it left unbent; None for a thin
+        sheet, which is seen through straight.
+    disperses : bool
+        Whether the refraction depends on the colour; see dispersed().
+
+    Returns
+    -------
+    float32 [3, m]
+        Radiance.
+    """
     ior = np.maximum(surface.parameter("ior")[0], np.float32(1))
     roughness = surface.roughness * np.minimum(2 * ior - 2, np.float32(1))
     if tint is None:
@@ -163,7 +272,20 @@ def transmission(surface: Surface, environment: Environment, under: np.ndarray, 
 
 
 def dispersed(surface: Surface, environment: Environment, ior: np.ndarray, roughness: np.ndarray) -> np.ndarray:
-    """The sky [3, m] along rays that are refracted less in red and more in blue (KHR_materials_dispersion)."""
+    """The sky along rays that are refracted less in red and more in blue (KHR_materials_dispersion).
+
+    Parameters
+    ----------
+    surface, environment
+        As of gloss().
+    ior, roughness : float32 [m]
+        Of the volume.
+
+    Returns
+    -------
+    float32 [3, m]
+        Radiance.
+    """
     half = (ior - 1) * DISPERSION_SPREAD * surface.parameter("dispersion")[0]
     iors = (np.maximum(ior - half, np.float32(1)), ior, ior + half)
     return np.stack([environment.prefiltered(_refracted(surface, colour_ior), roughness)[c] for c, colour_ior in enumerate(iors)])
@@ -176,15 +298,38 @@ def _refracted(surface, ior):
 
 
 def volume(surface: Surface) -> np.ndarray:
-    """What is left [3, m] of light after the thickness (KHR_materials_volume), along the normal: Beer's law."""
+    """Transmittance of the volume along the normal, by Beer's law (KHR_materials_volume).
+
+    Parameters
+    ----------
+    surface : Surface
+        m points.
+
+    Returns
+    -------
+    float32 [3, m]
+        0..1.
+    """
     distance = np.maximum(surface.parameter("attenuation_distance")[0], np.float32(1e-6))
     colour = np.clip(surface.parameter("attenuation_colour"), np.float32(1e-6), np.float32(1))
     return np.exp(np.log(colour) * np.minimum(surface.scalar("thickness") / distance, np.float32(1e4)))
 
 
 def sheen(surface: Surface, environment: Environment, below: np.ndarray) -> np.ndarray:
-    """Light [3, m] of cloth fibres over what is below (KHR_materials_sheen); its lobe is so wide that the sky counts with its
-    mean about the normal."""
+    """Light of cloth fibres over the layers below (KHR_materials_sheen).
+
+    Parameters
+    ----------
+    surface, environment
+        As of gloss().
+    below : float32 [3, m]
+        Radiance of the layers below.
+
+    Returns
+    -------
+    float32 [3, m]
+        Radiance. The lobe is so wide that the sky counts with its mean about the normal.
+    """
     colour = surface.value("sheen_colour")
     roughness = np.maximum(surface.scalar("sheen_roughness"), np.float32(MIN_CHARLIE))
     share = charlie_integral(surface.nv, roughness)
@@ -194,12 +339,36 @@ def sheen(surface: Surface, environment: Environment, below: np.ndarray) -> np.n
 
 
 def emission(surface: Surface, below: np.ndarray) -> np.ndarray:
-    """What is below, and the surface's own light (KHR_materials_emissive_strength)."""
+    """Light of the layers below plus the surface's own (KHR_materials_emissive_strength).
+
+    Parameters
+    ----------
+    surface : Surface
+        m points.
+    below : float32 [3, m]
+        Radiance of the layers below.
+
+    Returns
+    -------
+    float32 [3, m]
+        Radiance.
+    """
     return below + surface.value("emissive") * surface.parameter("emissive_strength")
 
 
 def clearcoat(surface: Surface, environment: Environment, below: np.ndarray) -> np.ndarray:
-    """Light [3, m] of a clear layer of ior 1.5 over what is below (KHR_materials_clearcoat), with a normal of its own."""
+    """Light of a clear layer of ior 1.5 over the layers below, with a normal of its own (KHR_materials_clearcoat).
+
+    Parameters
+    ----------
+    surface, environment, below
+        As of sheen().
+
+    Returns
+    -------
+    float32 [3, m]
+        Radiance.
+    """
     strength, roughness, normal = surface.scalar("clearcoat"), surface.scalar("clearcoat_roughness"), surface.coat_normal()
     cosine = dot(normal, surface.view)
     nv = np.maximum(cosine, LEAST)

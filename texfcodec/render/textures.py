@@ -1,4 +1,4 @@
-"""The images of a Scene as renderers ask them: bilinear, or between two mip levels where a pixel is wider than a texel."""
+"""The images of a Scene as renderers sample them: bilinear, or between two mip levels if a pixel is wider than a texel."""
 
 from __future__ import annotations
 
@@ -22,12 +22,22 @@ BLOCK = 1 << 16  # fragments at a time
 
 
 class Textures:
-    """What `pack` (scene.fetch.pack_source, or pack_map of a channel) makes of a Scene, asked at fragments.
+    """Samples of images of a Scene at fragments.
 
-    mips: MipScenes of the scene, or None for its images alone. colour: whether the images' first three columns are sRGB-coded.
-    The pixel's footprint on a face is its area there, as for fields over texels (render/questions.py): no face asks another level
-    for standing aslant. A level's texels are means of 2 x 2 of the level below in linear light, rounded to 8 bits, as graphics
-    libraries make them.
+    The pixel's footprint on a face is its area there, as for fields over texels (render/questions.py): a face at a slant samples
+    no other level. A level's texels are means of 2 x 2 of the level below in linear light, rounded to 8 bits, as in graphics
+    libraries.
+
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    pack : function (Scene) -> PackedSource
+        scene.fetch.pack_source, or pack_map of a channel.
+    mips : MipScenes, optional
+        Of the scene; None: its images alone.
+    colour : bool
+        Whether the images' first three columns are sRGB-coded.
     """
 
     def __init__(self, scene: Scene, pack: Callable[[Scene], PackedSource], mips: MipScenes | None = None,
@@ -43,7 +53,7 @@ class Textures:
         return texels_per_unit(self.scene.positions[self.scene.faces], source.corner_uv * size[:, None].astype(np.float64))
 
     def build(self, camera: Camera | None, deepest: float) -> None:
-        """Makes the levels that fragments no deeper than that ask, before threads do."""
+        """Builds the levels for fragments no deeper than `deepest`, before threads read them."""
         if self.mips is None or self._density is None or camera is None:
             return
         widest = self._density.max(initial=0.0) * camera.pixel * (deepest if camera.perspective else 1.0)
@@ -53,7 +63,7 @@ class Textures:
                 self.sources[number] = with_finite_uvs(self.pack(self.mips.level(number, self.colour)))
 
     def ask(self, camera: Camera | None, face: np.ndarray, bary: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Values float32 [M, 4], 0..255, at points of faces; build() was called for such depths."""
+        """Values float32 [M, 4], 0..255, at points of faces. build() must have been called for such depths."""
         if self.mips is None or self._density is None or camera is None:
             return sample_source(self.sources[0], face, bary)
         wide = self._density[face] * (camera.pixel * depth if camera.perspective else camera.pixel)
@@ -76,7 +86,7 @@ class Textures:
 
 
 class MipScenes:
-    """A Scene with its images at 1 / 2**level of their size, for textures that share it; made when first asked for."""
+    """A Scene with its images at 1 / 2**level of their size, for textures that share it; levels are built on first use."""
 
     def __init__(self, scene: Scene) -> None:
         self._scenes = {(0, True): scene, (0, False): scene}
@@ -96,8 +106,20 @@ class MipScenes:
 
 
 def halved(image: np.ndarray, colour: bool) -> np.ndarray:
-    """An image uint8 [H, W, 4] at half its size, rounded down but at least 1: means over the area of each texel. colour: means of
-    the first three columns are of light."""
+    """An image at half its size: means over the area of each texel.
+
+    Parameters
+    ----------
+    image : uint8 [H, W, 4]
+        Any size.
+    colour : bool
+        Average the first three columns in linear light.
+
+    Returns
+    -------
+    uint8 [H', W', 4]
+        Half the size, rounded down but at least 1.
+    """
     values = image.astype(np.float32)
     if colour:
         values[..., :3] = (255 * srgb_to_linear(np.arange(256) / 255)).astype(np.float32)[image[..., :3]]
@@ -108,7 +130,7 @@ def halved(image: np.ndarray, colour: bool) -> np.ndarray:
 
 
 def _shrunk(values, axis):
-    """Half as many rows along an axis; where they are odd, each is the mean over three with weights that keep its place."""
+    """Half as many rows along an axis. If they are odd, each is the mean over three, weighted to keep its position."""
     count = values.shape[axis]
     if count == 1:
         return values
@@ -121,7 +143,18 @@ def _shrunk(values, axis):
 
 
 def with_finite_uvs(source: PackedSource) -> PackedSource:
-    """A source whose UVs that are not finite are 0."""
+    """A source with 0 for UVs that are not finite.
+
+    Parameters
+    ----------
+    source : PackedSource
+        Any.
+
+    Returns
+    -------
+    PackedSource
+        The same if all are finite.
+    """
     if np.isfinite(source.corner_uv).all():
         return source
     return source._replace(corner_uv=np.nan_to_num(source.corner_uv, nan=0.0, posinf=0.0, neginf=0.0))

@@ -1,4 +1,4 @@
-"""Iridescence: what a film, thin as the wavelengths of light, does to the reflectance of the surface under it.
+"""Iridescence: the effect of a film, thin as the wavelengths of light, on the reflectance of the surface under it.
 
 The model of KHR_materials_iridescence: Airy's sum over reflections within the film, for red, green and blue at once (Belcour and
 Barla, A practical extension to microfacet theory for the modeling of varying iridescence, 2017). The sum over wavelengths against
@@ -18,10 +18,23 @@ ORDERS = 2  # terms of the sum beyond the mean; further ones are below what 8 bi
 
 
 def film_reflectance(cosine: np.ndarray, base: np.ndarray, ior: np.ndarray, thickness: np.ndarray) -> np.ndarray:
-    """Reflectance float32 [3, M], 0..1, of a base under a film in air.
+    """Reflectance of a base under a film in air.
 
-    cosine: [M] of the view; base: [3, M] reflectance of the bare base seen straight on, 0..1; ior: [M] of the film, at least 1;
-    thickness: [M] nanometres. Thinner than 0.03 nm the film fades away, as the extension says.
+    Parameters
+    ----------
+    cosine : float32 [M]
+        Of the view.
+    base : float32 [3, M]
+        Reflectance of the bare base seen straight on, 0..1.
+    ior : float32 [M]
+        Of the film, at least 1.
+    thickness : float32 [M]
+        Nanometres. Below 0.03 nm the film fades away, as the extension specifies.
+
+    Returns
+    -------
+    float32 [3, M]
+        0..1.
     """
     fade = np.clip(thickness / np.float32(0.03), 0, 1)
     ior = 1 + (ior - 1) * fade * fade * (3 - 2 * fade)
@@ -54,6 +67,17 @@ def _sensitivity(path):
 
 
 def film_f0(cosine: np.ndarray, base: np.ndarray, ior: np.ndarray, thickness: np.ndarray) -> np.ndarray:
-    """Reflectance straight on, [3, M], with which Schlick's law gives film_reflectance() at this view; arguments as there."""
+    """Reflectance straight on for which Schlick's law gives film_reflectance() at this view.
+
+    Parameters
+    ----------
+    cosine, base, ior, thickness
+        As of film_reflectance().
+
+    Returns
+    -------
+    float32 [3, M]
+        0..1.
+    """
     edge = np.minimum(fifth_power(cosine), np.float32(0.95))
     return np.clip((film_reflectance(cosine, base, ior, thickness) - edge) / (1 - edge), 0, 1)

@@ -20,7 +20,18 @@ AZIMUTH, ELEVATION = 30.0, 25.0
 
 
 def to_png(image: np.ndarray) -> bytes:
-    """PNG of an image uint8 [H, W, 3]."""
+    """PNG of an image.
+
+    Parameters
+    ----------
+    image : uint8 [H, W, 3]
+        The image.
+
+    Returns
+    -------
+    bytes
+        The file.
+    """
     from PIL import Image
 
     data = io.BytesIO()
@@ -29,8 +40,18 @@ def to_png(image: np.ndarray) -> bytes:
 
 
 def thumbnail(texf: Texf) -> bytes:
-    """PNG of a Texf from the front, a little from above and the side, on grey, in light where it is plain; what notebooks show
-    of one."""
+    """PNG of a Texf for notebooks: from the front, a little from above and the side, on grey.
+
+    Parameters
+    ----------
+    texf : Texf
+        A decoded stream; it is drawn in light if it is plain.
+
+    Returns
+    -------
+    bytes
+        The file.
+    """
     camera = framing(direction_of_angles(AZIMUTH, ELEVATION), texf.positions, SIDE * TIMES)
     picture = render_texf(texf, camera, threads=texf.threads, shaded=DAYLIGHT if is_plain(texf) else None)
     return to_png(box_down(picture.image(GREY), TIMES))

@@ -1,4 +1,4 @@
-"""Faces made ready for filling: projected, clipped, snapped to 1/256 pixel, turned one way round, sorted into bands of rows."""
+"""Preparation of faces for filling: projected, clipped, snapped to 1/256 pixel, wound one way, sorted into bands of rows."""
 
 from dataclasses import dataclass
 
@@ -20,12 +20,15 @@ IN_REACH, TO_CLIP, NOT_FINITE = 0, 1, 2
 
 @dataclass
 class Triangles:
-    """What the kernels of raster.py fill.
+    """Input of the kernels of raster.py.
 
     camera; seen: float64 [V, 3] the corners in camera space (to_camera); faces: int64 [F, 3].
+
     corner: int64 [T, 6], x0 y0 x1 y1 x2 y2 in 1/256 pixel, clockwise on the screen; owner: int64 [T] ascending face numbers.
+
     plane: float64 [T, 5]: nearness at the centre of pixel (x, y) is k + kx x + ky y, cut to [low, high]; stored k, kx, ky, low,
-    high. Nearness grows towards the camera: 1 / depth when perspective, -depth when orthographic.
+    high. Nearness grows towards the camera: 1 / depth if perspective, -depth if orthographic.
+
     bands: int64 [B + 1] and member int64: band b is touched by triangles member[bands[b] : bands[b + 1]], in face order.
     """
 
@@ -41,12 +44,35 @@ class Triangles:
 
 def set_up(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bool = True,
            two_sided: np.ndarray | None = None) -> Triangles:
-    """The faces that may be seen, ready for filling: Triangles.
+    """Faces that may be visible, ready for filling.
 
-    positions: float64 [V, 3] world; faces: int64 [F, 3]; cull: leave out faces whose corners run clockwise on the screen;
-    two_sided: bool [F], faces that are never culled. Faces without area on the screen and faces with a corner that is not finite
-    are left out. Raises IndexError for a face that names no position and ValueError for arrays that do not fit together.
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    positions : float64 [V, 3]
+        World.
+    faces : int64 [F, 3]
+        Faces without area on the screen and faces with a corner that is not finite are left out.
+    cull : bool
+        Leave out faces whose corners run clockwise on the screen.
+    two_sided : bool [F], optional
+        Faces that are never culled.
 
+    Returns
+    -------
+    Triangles
+        Input of visible().
+
+    Raises
+    ------
+    IndexError
+        A face names no position.
+    ValueError
+        Arrays do not fit together.
+
+    Notes
+    -----
     Magnitudes: a snapped coordinate is below (2**20 + 2**13 + 1) * 2**8 < 2**29, so a product of two differences is below 2**60.
     """
     positions = np.ascontiguousarray(positions, np.float64).reshape(-1, 3)
@@ -69,7 +95,8 @@ def set_up(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bool 
 
 
 def _near(deepest):
-    """Depth of a perspective camera's near plane: a fixed share of the deepest corner's; inf where nothing lies before it."""
+    """Depth of a perspective camera's near plane: a fixed share of the deepest corner's; inf if all corners are behind the
+    camera."""
     return max(NEAR * deepest, 1e-290) if deepest > 0 else np.inf
 
 
@@ -81,7 +108,7 @@ def _is_finite(point):
 
 @kernel
 def _deepest(seen):
-    """Largest depth of the finite corners; 0 without any before the camera."""
+    """Largest depth of the finite corners; 0 if none is before the camera."""
     deepest = 0.0
     for v in range(seen.shape[0]):
         if _is_finite(seen[v]):
@@ -91,7 +118,7 @@ def _deepest(seen):
 
 @kernel
 def _snap_corners(seen, near, perspective, width, height, state, snapped):
-    """What is to be done with each corner, into state uint8 [V], and where those IN_REACH lie, into snapped int64 [V, 2]; 0 for
+    """Writes each corner's state into state uint8 [V], and the snapped places of those IN_REACH into snapped int64 [V, 2]; 0 for
     the others."""
     for v in range(seen.shape[0]):
         snapped[v, 0], snapped[v, 1] = 0, 0
@@ -115,7 +142,7 @@ def _planes(camera, near):
 
 @kernel
 def _count_clipped(faces, state):
-    """Faces of which a corner is out of reach."""
+    """Number of faces with a corner out of reach."""
     count = np.int64(0)
     for f in range(faces.shape[0]):
         count += max(state[faces[f, 0]], state[faces[f, 1]], state[faces[f, 2]]) == TO_CLIP
@@ -124,9 +151,12 @@ def _count_clipped(faces, state):
 
 @kernel
 def _cut_off(source, count, plane, out):
-    """The part of a convex polygon on the kept side of one plane (Sutherland and Hodgman). source, out: float64 [8, 3]; plane:
-    float64 [4]. Returns the corners in out, at most count + 1. A new corner is always computed from its inner to its outer
-    neighbour: both faces along an edge get the same one, bit by bit, and no gap opens between them."""
+    """Writes the part of a convex polygon on the kept side of one plane into out (Sutherland and Hodgman); returns its corners,
+    at most count + 1.
+
+    source, out: float64 [8, 3]; plane: float64 [4]. A new corner is always computed from its inner to its outer neighbour: both
+    faces along an edge get the same corner, bit by bit, and no gap opens between them.
+    """
     kept = 0
     for i in range(count):
         j = (i + 1) % count
@@ -146,8 +176,11 @@ def _cut_off(source, count, plane, out):
 
 @kernel
 def _nearness_plane(seen, i, j, k, perspective, width, height, out):
-    """Nearness over the screen of the plane through three corners, into out float64 [3]: value for pixel (0, 0), steps in x and
-    y. False where the plane is seen edge-on. The corners are taken in one order, so that faces on the same corners tie."""
+    """Writes nearness over the screen of the plane through three corners into out float64 [3]: value for pixel (0, 0), steps in x
+    and y.
+
+    False if the plane is seen edge-on. The corners are taken in one order, so that faces on the same corners tie.
+    """
     i, j = min(i, j), max(i, j)
     j, k = min(j, k), max(j, k)
     i, j = min(i, j), max(i, j)
@@ -164,20 +197,20 @@ def _nearness_plane(seen, i, j, k, perspective, width, height, out):
 
 @kernel
 def _first_centre(low):
-    """The first pixel whose centre is not before a snapped coordinate."""
+    """The first pixel whose centre is at or after a snapped coordinate."""
     return (low + 127) >> 8
 
 
 @kernel
 def _last_centre(high):
-    """The last pixel whose centre is not behind a snapped coordinate."""
+    """The last pixel whose centre is at or before a snapped coordinate."""
     return (high - 128) >> 8
 
 
 @kernel
 def _add(x0, y0, x1, y1, x2, y2, keep_back, width, height, corner):
-    """Stores a snapped triangle in corner int64 [6], turned clockwise. False for one without area, turned away or without a pixel
-    centre in its box."""
+    """Stores a snapped triangle in corner int64 [6], clockwise. False if it has no area, faces away or has no pixel centre in its
+    box."""
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
     if area == 0 or (area > 0 and not keep_back):
         return False
@@ -195,7 +228,7 @@ def _add(x0, y0, x1, y1, x2, y2, keep_back, width, height, corner):
 
 @kernel
 def _clipped_polygon(seen, face, planes, scratch, other):
-    """Clips a face against all planes. scratch, other: float64 [8, 3]. Returns the corners left, which stand in scratch."""
+    """Clips a face against all planes, into scratch, and returns the number of corners left. scratch, other: float64 [8, 3]."""
     count = 3
     for c in range(3):
         for k in range(3):
@@ -212,8 +245,10 @@ def _clipped_polygon(seen, face, planes, scratch, other):
 
 @kernel
 def _snap_polygon(polygon, count, perspective, width, height, snapped):
-    """Snaps the corners of a clipped polygon into int64 [8, 2]; returns their least and largest nearness. The planes have made
-    sure of z > 0 and of the range."""
+    """Snaps the corners of a clipped polygon into int64 [8, 2]; returns their least and largest nearness.
+
+    The planes guarantee z > 0 and the range.
+    """
     low, high = np.inf, -np.inf
     for i in range(count):
         over = 1.0 / polygon[i, 2] if perspective else 1.0
@@ -226,8 +261,11 @@ def _snap_polygon(polygon, count, perspective, width, height, snapped):
 
 @kernel(allocates=True)
 def _set_up(seen, faces, state, snapped, planes, keep_back, perspective, width, height, corner, plane, owner):
-    """Fills corner, plane and owner; returns the triangles stored. Bounds: the wrapper has checked the faces against seen, and a
-    face that is clipped makes at most MOST_CORNERS - 2 triangles, for which the wrapper has left room."""
+    """Fills corner, plane and owner; returns the number of triangles.
+
+    Bounds: the wrapper has checked the faces against seen, and a face that is clipped gives at most MOST_CORNERS - 2 triangles,
+    for which the wrapper has left room.
+    """
     n = 0
     polygon, other = np.empty((MOST_CORNERS, 3)), np.empty((MOST_CORNERS, 3))
     place, slope = np.empty((MOST_CORNERS, 2), np.int64), np.empty(3)
@@ -287,7 +325,7 @@ def _count_members(corner, height, bands):
 
 @kernel
 def _place_members(corner, height, free, member):
-    """Writes each triangle where its bands have room next; the counts were made with the same ranges."""
+    """Writes each triangle into the next free entry of its bands, whose counts come from the same ranges."""
     for t in range(corner.shape[0]):
         first, last = _band_range(corner, t, height)
         for b in range(first, last + 1):

@@ -1,5 +1,4 @@
-"""The front door: what a program that uses texfcodec calls. Rooms are entered when they are needed: inspecting a stream loads no
-kernel, decoding one no encoder."""
+"""The public functions of texfcodec. Rooms are imported on use: inspecting a stream loads no kernel, decoding one no encoder."""
 
 from __future__ import annotations
 
@@ -26,29 +25,32 @@ Mesh: TypeAlias = "Stream | trimesh.Trimesh | trimesh.Scene | Scene"
 
 
 def encode(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | None = None, report: Report | None = None) -> bytes:
-    """Codes a textured mesh.
+    """Encodes a textured mesh.
 
     Parameters
     ----------
     mesh : str, PathLike, bytes, file object, trimesh.Trimesh, trimesh.Scene or Scene
-        A path; the bytes of a mesh file, or a file object open for reading bytes, whose format is that of its name where it has
-        one with a suffix, else told by the first bytes (GLB, glTF, PLY, STL, OFF, 3MF, COLLADA); or a mesh in memory.
+        A path; the bytes of a mesh file, or a file object open for reading bytes; or a mesh in memory. The format of a file
+        object is that of its name's suffix, if it has one. Else, and for bytes, the first bytes decide (GLB, glTF, PLY, STL, OFF,
+        3MF, COLLADA).
     options : EncodeOptions or dict, optional
         Rate and all other settings; a dict holds fields of EncodeOptions by name.
     report : Report, optional
-        Receives seconds by stage, and what the warnings say, as lists.
+        Receives seconds by stage, and the sentences of the warnings, as lists.
 
     Returns
     -------
     bytes
-        The .texf stream. encode_to_result() returns what is known of it as well.
+        The .texf stream. encode_to_result() also returns facts about it.
 
     Raises
     ------
     InputError
-        The mesh, its files or an option are at fault; TXF-I52 where options are strict and something would be lost.
-    LimitError, SupportError
-        The mesh asks for more than options.limits; something it needs is not installed.
+        The mesh, its files or an option are at fault; TXF-I52 if options are strict and something would be lost.
+    LimitError
+        The mesh exceeds options.limits.
+    SupportError
+        A package that it needs is not installed.
     Cancelled
         The report's on_progress returned False.
 
@@ -68,7 +70,7 @@ def encode(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | None = None,
 
 def encode_to_result(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | None = None,
                      report: Report | None = None) -> Encoded:
-    """Codes a textured mesh: as encode(), and tells what is known of the stream.
+    """Encodes a textured mesh as encode(), and returns facts about the stream with it.
 
     Parameters
     ----------
@@ -78,7 +80,7 @@ def encode_to_result(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | No
     Returns
     -------
     Encoded
-        data, the stream; its byte counts; what the encoder chose and why; warnings, dropped and remarks.
+        data, the stream; its byte counts; the encoder's decisions and their reasons; warnings, dropped and remarks.
 
     Raises
     ------
@@ -113,22 +115,53 @@ def _not_coded(name):
 
 
 def _warn_of_losses(sentences):
-    """Says each as a LossWarning at the line that called the caller of this."""
+    """Issues each sentence as a LossWarning at the line that called the caller of this function."""
     for sentence in sentences:
         warnings.warn(sentence, LossWarning, stacklevel=3)
 
 
 def refuse_losses(options: EncodeOptions, report: Report) -> None:
-    """Raises InputError TXF-I52 where options are strict and something was reported that will look different: a warning or a
-    dropped property. Remarks refuse nothing."""
+    """Refuses visible losses if options are strict.
+
+    Parameters
+    ----------
+    options : EncodeOptions
+        strict decides.
+    report : Report
+        Its warnings and dropped properties count, its remarks do not.
+
+    Raises
+    ------
+    InputError
+        TXF-I52 if options are strict and there is a loss.
+    """
     if options.strict and (report.warnings or report.dropped):
         raise InputError("TXF-I52", "the mesh would lose something, and strict forbids it", warnings=report.warnings or None,
                          dropped=report.dropped or None)
 
 
 def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
-    """Codes a Scene: at the rate that was asked for, or by search where a target was; checks and measures it as options say. The
-    sentences of the Scene are the caller's to report, and those of the result as well."""
+    """Encodes a Scene, then checks and measures it as options say.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its warnings, dropped and remarks are not added to the report.
+    options : EncodeOptions
+        A rate, or a target, for which the QP is searched.
+    report : Report
+        Receives seconds and sentences; no LossWarning is issued.
+
+    Returns
+    -------
+    Encoded
+        The stream and facts about it.
+
+    Raises
+    ------
+    InputError, LimitError, SupportError, Cancelled
+        As encode().
+    """
     begin, known = time.perf_counter(), {name: len(getattr(report, name)) for name in SENTENCES}
     if options.target_bytes is not None or options.target_psnr is not None:
         from .encoder.search import encode_to_target
@@ -159,15 +192,34 @@ def encode_loaded(scene: Scene, options: EncodeOptions, report: Report) -> Encod
 
 
 def _say_if_larger(scene, encoded, report):
-    """Warns where a stream has more bytes than the files that its scene was read from; nothing looks different, so that strict
-    does not refuse it."""
+    """Warns if a stream is larger than the files of its scene. Nothing looks different, so strict does not refuse it."""
     source = sum(scene.files.values())
     if 0 < source < len(encoded.data):
         report.warnings.append(f"the stream ({len(encoded.data)} bytes) is larger than its source ({source} bytes)")
 
 
 def measure(scene: Scene, encoded: Encoded, threads: int = 1) -> dict:
-    """3D-PSNR of a stream against the Scene it came from, in dB; see metrics.psnr_3d.measure."""
+    """3D-PSNR of a stream against its source; see metrics.psnr_3d.measure.
+
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    encoded : Encoded
+        Its stream, which is decoded.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    dict
+        "y", "yuv611", "rgb" in dB, None means lossless; "samples".
+
+    Raises
+    ------
+    InputError
+        TXF-I94 if no point is visible, TXF-I70 if the stream has no face.
+    """
     from .decoder import decode_stream
     from .metrics.psnr_3d import measure as measured
 
@@ -197,14 +249,18 @@ def decode(stream: Stream, options: DecodeOptions | Mapping[str, Any] | None = N
     ------
     InputError
         The file cannot be read, or an argument is of another kind.
-    StreamError, LimitError, SupportError
-        The stream is invalid, asks for more than options.limits, or for what this version does not have.
+    StreamError
+        The stream is invalid.
+    LimitError
+        The stream exceeds options.limits.
+    SupportError
+        The stream uses a feature that this version does not have.
     Cancelled
         The report's on_progress returned False.
 
     Notes
     -----
-    Files from strangers: DecodeOptions(isolate=True), and lower limits. Decoded values are the same on every machine.
+    For files from strangers use DecodeOptions(isolate=True) and lower limits. Decoded values are the same on every machine.
     """
     options, report = options_of(DecodeOptions, options), report or Report()
     data = _bytes_of(stream, options.limits)
@@ -214,7 +270,7 @@ def decode(stream: Stream, options: DecodeOptions | Mapping[str, Any] | None = N
 
 
 def inspect(stream: Stream, limits: Limits | None = None) -> dict:
-    """What stands where in a .texf stream, without decoding it.
+    """Lists the syntax elements of a .texf stream without decoding it.
 
     Parameters
     ----------

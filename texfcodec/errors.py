@@ -1,14 +1,14 @@
-"""Error families: what is at fault decides the class and the exit code; everything else is data."""
+"""Error families: the thing at fault decides the class and the exit code; everything else is data."""
 
 EXIT_OK, EXIT_USAGE, EXIT_IO, EXIT_STREAM, EXIT_INTERNAL, EXIT_SUPPORT, EXIT_LIMIT, EXIT_DIFFERS = range(8)
 EXIT_INTERRUPTED = 130
 
 
 class TexfError(Exception):
-    """Base of every error this package raises on purpose.
+    """Base of all errors that this package raises on purpose.
 
-    code: short stable identifier such as "TXF-S03"; message: one sentence; details: extra machine-readable facts
-    (clause, offset, value, allowed, ...), all optional.
+    code: short stable identifier such as "TXF-S03"; message: one sentence; details: extra machine-readable facts (clause, offset,
+    value, allowed, ...), all optional.
     """
 
     exit_code = EXIT_INTERNAL
@@ -31,8 +31,8 @@ class TexfError(Exception):
 
 
 class LossWarning(UserWarning):
-    """Something of a mesh will look different, or is left out: warnings.warn() says each such sentence of encode() and
-    Texf.save(); the command lines print them instead."""
+    """A part of a mesh will look different or is left out. encode() and Texf.save() issue one for each such sentence; the command
+    lines print the sentences instead."""
 
 
 def _rebuild(cls, code, message, details):
@@ -58,6 +58,6 @@ class LimitError(TexfError):
 
 
 class SupportError(TexfError):
-    """Valid, but made with a feature this version does not have."""
+    """The input is valid but uses a feature that this version does not have."""
 
     exit_code = EXIT_SUPPORT

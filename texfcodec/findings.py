@@ -1,8 +1,8 @@
-"""Every code of the package, in one table: what is wrong, where the specification says so, and what to do. Most are errors;
-texf-validate also warns of what is odd about a valid stream, and notes what costs bytes or is seldom meant.
+"""Every code of the package in one table: the fault, its clauses in the specification, and the remedy. Most are errors;
+texf-validate also warns of odd things in a valid stream, and notes those that cost bytes or are seldom intended.
 
-The sites that raise an error say its code themselves; a test holds both against each other.
-bitstream_spec.md and docs/guide/errors.md carry this table as generated blocks (`make -C tools spec-tables`).
+The code that raises an error names it, too; a test compares both. bitstream_spec.md and docs/guide/errors.md contain this table
+as generated blocks (`make -C tools spec-tables`).
 """
 
 from dataclasses import dataclass
@@ -26,9 +26,12 @@ ERROR, WARNING, NOTE = SEVERITIES = ("error", "warning", "note")
 
 @dataclass(frozen=True)
 class Finding:
-    """One code. family: its class, or None where only the command lines report it and no exception carries it; clauses: those of
-    bitstream_spec.md that are broken or at stake, each with the clauses below it; text: what is wrong; remedy: what to do;
-    told_exit: exit code of a finding without family; severity: one of SEVERITIES, less than an error in a valid stream."""
+    """One code.
+
+    family: its class, or None if only the command lines report it and no exception carries it; clauses: those of
+    bitstream_spec.md that are violated or at stake, each with the clauses below it; text: the fault; remedy: the user's next
+    step; told_exit: exit code of a finding without family; severity: one of SEVERITIES, below error in a valid stream.
+    """
 
     code: str
     family: type[TexfError] | None

@@ -1,16 +1,17 @@
-"""Named limits on what a stream or a mesh may ask for. All are strict: going over one is a LimitError, exit code 6."""
+"""Named limits on the size of a stream or a mesh. All are strict: exceeding a limit is a LimitError, exit code 6."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Defaults fit a desktop; 0 or None switches a limit off.
+    """Limits, with defaults for a desktop; 0 or None switches a limit off.
 
-    file_bytes: whole stream; vertices, faces: over all units; voxels: over all fields, asked texels with them; texels: of one
-    image, asked or not; image_pixels: of one image of a mesh file, as many as a field's image may have; samples: of voxelisation
-    and rows of texels, over all fields (time grows with it: about 20 million a second and core); latents: numbers of a payload
-    that a network reads, two a byte; metadata_bytes; isolate_bytes, isolate_seconds: for --isolate. """
+    file_bytes: whole stream; vertices, faces: over all units; voxels: over all fields, including referenced texels; texels: of
+    one image, referenced or not; image_pixels: of one image of a mesh file, as many as a field's image may have; samples: of
+    voxelisation and rows of texels, over all fields (time grows with it: about 20 million a second and core); latents: numbers of
+    a payload that a network reads, two a byte; metadata_bytes; isolate_bytes, isolate_seconds: for --isolate.
+    """
 
     file_bytes: int | None = 256 << 20
     vertices: int | None = 1 << 24
@@ -41,7 +42,7 @@ LEVELS = {  # bitstream_spec.md 10.1, whose table is made from this one; 3 is wh
 
 
 def level_of(needs: dict[str, int]) -> int | None:
-    """The lowest level (spec 10.1) whose bounds hold, None where that of the last does not. needs: by names of Limits' fields."""
+    """The lowest level (spec 10.1) whose bounds hold, None above the last level. needs: by names of Limits' fields."""
     for level, bounds in LEVELS.items():
         if all(count <= getattr(bounds, name) for name, count in needs.items()):
             return level

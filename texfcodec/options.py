@@ -1,4 +1,4 @@
-"""The one home of every option: its default, its range and what it is for. The command lines and the Python API read these."""
+"""All options: default, range and purpose of each. The command lines and the Python API read them from here."""
 
 import math
 import os
@@ -37,34 +37,99 @@ REFINEMENTS = ("auto", "off", "fit", "render")
 
 
 def default_threads() -> int:
-    """Processors this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 # Any, as dataclasses.field() says of itself: what stands beside a field must have its type.
 def choice(default: Any, allowed: Iterable[str] | Callable[[], Iterable[str]], text: str = "", metavar: str | None = None) -> Any:
-    """A field of options that takes one of the words that allowed holds, or that calling it gives."""
+    """A field of options that takes one of several words.
+
+    Parameters
+    ----------
+    default : str or None
+        Its default.
+    allowed : iterable of str, or function () -> iterable of str
+        The words.
+    text : str
+        Help of its flag.
+    metavar : str, optional
+        Value of its flag, in the help.
+
+    Returns
+    -------
+    dataclasses.Field
+        With the arguments in its metadata.
+    """
     return field(default=default, metadata={"allowed": allowed, "text": text, "metavar": metavar})
 
 
 def ranged(default: Any, low: float, high: float, text: str = "", metavar: str = "N") -> Any:
-    """A field of options that takes a number in low..high: a whole one, or any where low is a float."""
+    """A field of options that takes a number.
+
+    Parameters
+    ----------
+    default : float or None
+        Its default.
+    low, high : float
+        The range, ends included. If low is an int, only integers are taken.
+    text, metavar : str
+        As of choice().
+
+    Returns
+    -------
+    dataclasses.Field
+        With the arguments in its metadata.
+    """
     return field(default=default, metadata={"range": (low, high), "text": text, "metavar": metavar})
 
 
 def switch(text: str = "") -> Any:
-    """A field of options that is True or False, at first False."""
+    """A field of options that is True or False, by default False.
+
+    Parameters
+    ----------
+    text : str
+        Help of its flag.
+
+    Returns
+    -------
+    dataclasses.Field
+        With the text in its metadata.
+    """
     return field(default=False, metadata={"switch": True, "text": text})
 
 
 def words_of(option: Field) -> tuple[str, ...]:
-    """The words that a choice() takes."""
+    """Allowed words of a field.
+
+    Parameters
+    ----------
+    option : dataclasses.Field
+        Of choice().
+
+    Returns
+    -------
+    tuple of str
+        The words.
+    """
     allowed = option.metadata["allowed"]
     return tuple(allowed() if callable(allowed) else allowed)
 
 
 def check_options(options: "EncodeOptions | DecodeOptions") -> None:
-    """Compares every field of options with what it takes. Raises InputError TXF-I50."""
+    """Checks every field of options against its range or its words.
+
+    Parameters
+    ----------
+    options : EncodeOptions or DecodeOptions
+        Any values.
+
+    Raises
+    ------
+    InputError
+        TXF-I50 for a value that is not allowed.
+    """
     for option in fields(options):
         value, metadata = getattr(options, option.name), option.metadata
         if value is None and option.default is None:
@@ -95,8 +160,25 @@ Options = TypeVar("Options", "EncodeOptions", "DecodeOptions")
 
 
 def options_of(kind: type[Options], given: Options | Mapping[str, Any] | None) -> Options:
-    """The options that a caller gave: a kind, or a dict of its fields, whose "limits" may be a dict too; None: the defaults.
-    Raises InputError TXF-I50 for a name that is none, with the nearest, and for anything else."""
+    """Options of a caller.
+
+    Parameters
+    ----------
+    kind : type
+        EncodeOptions or DecodeOptions.
+    given : kind or mapping, optional
+        A mapping holds fields of kind by name, and "limits" may be a mapping too; None for the defaults.
+
+    Returns
+    -------
+    kind
+        The options.
+
+    Raises
+    ------
+    InputError
+        TXF-I50 for an unknown name, which it reports with the nearest known name, and for any other type.
+    """
     if given is None:
         return kind()
     if isinstance(given, kind):
@@ -110,7 +192,7 @@ def options_of(kind: type[Options], given: Options | Mapping[str, Any] | None) -
 
 
 def _known_names(kind, given):
-    """The dict. Raises InputError TXF-I50 where a name is no field of the class."""
+    """The dict, unchanged. Raises InputError TXF-I50 if a name is not a field of the class."""
     known = [option_field.name for option_field in fields(kind)]
     for name in given:
         if name not in known:
@@ -121,47 +203,82 @@ def _known_names(kind, given):
 
 
 def strange_options(codec: Codec) -> frozenset[str]:
-    """Names of those EncodeOptions that other codecs read and this one does not."""
+    """Names of the EncodeOptions that other codecs read and this codec does not.
+
+    Parameters
+    ----------
+    codec : Codec
+        Any of ours.
+
+    Returns
+    -------
+    frozenset of str
+        The names.
+    """
     others = frozenset().union(*(other.options for other in our_codecs())) - codec.options
     return others | OF_PLANES if codec.joint else others
 
 
 @dataclass(frozen=True, kw_only=True)
 class EncodeOptions:
-    """resolution/qp override the rate preset; qp follows G-PCC: step = 2**((qp - 4) / 6).
+    """Settings of encode(). An option of another codec than the chosen one is refused.
 
-    lossless: code the voxels' rounded values exactly; max_error: None for lossy, 0 the same as lossless, 1..127 for values that
-    are at most so far off; the encoder then sets the QPs, and qp stays None.
+    Parameters
+    ----------
+    rate : str
+        Preset of resolution and qp, which override it.
+    resolution : int, optional
+        Voxels along the longest side.
+    qp : int, optional
+        As in G-PCC: step = 2**((qp - 4) / 6).
+    target_bytes, target_psnr
+        A target, for which the QP is searched.
+    target_psnr_of : str
+        "surface": PSNR of Y at points of the surface; "flat": of 8 pictures of 512 pixels a side without light, as metrics.views
+        draws them; "lit": of pictures in daylight.
+    lossless, max_error
+        lossless codes the voxels' rounded values exactly. max_error: None for lossy, 0 the same as lossless, 1..127 for the
+        largest error of a value. The encoder then sets the QPs, and qp stays None.
+    position_bits, keep_mesh
+        keep_mesh sends the source's faces, each vertex rounded to the lattice. Else the encoder may send a mesh of fewer faces or
+        position bits if pictures show no more of it than coding costs anyway, and resolution, position_bits, max_error and
+        exact_rate leave that free.
+    chroma_qp_offset : int, optional
+        Added to the QP of both chroma components; None: -1 over voxels, 2 over texels.
+    area_threshold : int
+        Voxels with less surface than this many 1/256 voxel faces are dropped where coverage allows.
+    partition : str
+        "auto" splits the mesh into fields where surfaces meet, "off" keeps a single field.
+    refine, refine_iterations
+        Brings the voxels' colours closer to the source before coding. "fit": least squares on the surface; "render": inverse
+        rendering on top of it, with refine_iterations; "auto": a fit if it will be visible and effort is not fast.
+    support, exact_rate
+        "auto" takes the texels of an image, a smaller K or more position bits than requested if bytes and error of the picture
+        cost less, and only if resolution, max_error and exact_rate leave it free.
+    codec : str
+        "3dntc" fits latents and a network for GPU-resident use. resolution is then only that of the voxels which a decoder
+        derives, and refine "render" improves the fit on pictures, which "auto" leaves out.
+    point, resident_bytes
+        Of 3dntc: a point of the paper, or in its place a budget of bytes on the GPU.
+    latent_index : str
+        Of 3dntc. "surface": every touched voxel of a coarse grid has its own latents, with as fine a grid as the point's bytes
+        allow; "mixed": half of the bytes go to a hash table over finer cells; "hash": the point's hash tables.
+    transport, steps, seed, checkpoint, fit_engine
+        Of 3dntc. transport entropy-codes the latents in the stream; steps and seed are those of the fit; checkpoint is the path
+        at which its state is saved and resumed; fit_engine "auto" takes torch if there is a GPU, else compiled kernels.
+    no_check : bool
+        Leave out the check of the stream, and with it the second try at parts that are worse than the rate promises.
+    allow_empty : bool
+        Code a mesh whose faces all collapse as an empty stream instead of refusing it.
+    codec_options : dict
+        Settings of a plug-in's codec, by name.
 
-    chroma_qp_offset: added to the QP of both chroma components; None: -1 over voxels, 2 over texels. area_threshold: voxels
-    holding less surface than this many 1/256 voxel faces are dropped where coverage allows. partition: "auto" splits the mesh
-    into fields where surfaces meet, "off" keeps one. refine: what brings the voxels' colours closer to the source before they are
-    coded: "fit" least squares on the surface, "render" inverse rendering on top of it with so many refine_iterations, "auto" a
-    fit where it will show and effort is not fast. allow_empty: code a mesh whose faces all collapse as an empty stream instead of
-    refusing it.
-
-    target_psnr_of: "surface" for the PSNR of Y at points of the surface, "flat" for that of 8 pictures of 512 pixels a side
-    without light, as metrics.views draws them, "lit" for that of pictures in daylight.
-
-    support: "auto" takes the texels of an image, a smaller K or more position bits than were asked for where bytes and error of
-    the picture cost less so, and only where resolution, max_error and exact_rate leave it free to.
-
-    keep_mesh: send the source's faces, each vertex rounded to the lattice; else a mesh of fewer faces or position bits is sent
-    where pictures show no more of it than coding costs anyway, and resolution, position_bits, max_error and exact_rate leave
-    that free.
-
-    codec "3dntc" fits latents and a network for GPU-resident use instead; resolution is then only that of the voxels which a
-    decoder makes of it, and refine "render" improves the fit on pictures, which "auto" leaves out. point: one of the paper's;
-    resident_bytes: in its place, a budget of bytes on the GPU; latent_index: "surface" gives every touched voxel of a coarse
-    grid its own latents, as fine a grid as the point's bytes allow, "mixed" spends half of them on a hash table over finer
-    cells, "hash" takes the point's hash tables; transport: entropy-code the latents in the stream; steps, seed: of the fit;
-    checkpoint: path that its state is kept in and taken up from; fit_engine: "auto" takes torch where it sees a GPU, else
-    compiled kernels.
-
-    no_check: leave out the look at what was made, and with it the second try at parts that came out worse than the rate promises.
-
-    codec_options: settings of a plug-in's codec, by name. An option of another codec than the chosen one is refused. Raises
-    InputError TXF-I50 for what makes no sense, SupportError for a codec that is not installed.
+    Raises
+    ------
+    InputError
+        TXF-I50 for values or combinations that make no sense.
+    SupportError
+        The codec is not installed.
     """
 
     rate: str = choice(DEFAULT_RATE, RATES, "The paper's rate points: "
@@ -243,36 +360,38 @@ class EncodeOptions:
 
     @property
     def given(self) -> dict[str, Any]:
-        """All fields as they were given, before any was resolved."""
+        """All fields as the caller gave them, before any was resolved."""
         return self.__dict__["_given"]
 
     def changed(self, **changes: Any) -> Self:
-        """The request with changes. What it left to the encoder, and nothing changed, is left to it still, which
-        dataclasses.replace() would not do: it starts from what was resolved."""
+        """The request with changes. Fields that it left to the encoder stay so unless they are changed.
+
+        dataclasses.replace() would start from the resolved values instead.
+        """
         return type(self)(**{**self.given, **changes})
 
     def without_target(self) -> Self:
-        """The request without a target, whose rate is then the default."""
+        """The request without a target; its rate is then the default."""
         return self.changed(target_bytes=None, target_psnr=None, target_psnr_of=TARGETS_OF_PSNR[0])
 
     @property
     def rate_is_free(self) -> bool:
-        """Whether K and supports are the encoder's to choose."""
+        """Whether the encoder may choose K and supports."""
         return self.given["resolution"] is None and not self.exact_rate and self.given["max_error"] is None \
             and not self.given["lossless"]
 
     @property
     def mesh_is_free(self) -> bool:
-        """Whether a mesh of fewer faces or of fewer position bits is the encoder's to choose."""
+        """Whether the encoder may choose a mesh of fewer faces or of fewer position bits."""
         return self.rate_is_free and self.position_bits_are_free and not self.keep_mesh
 
     @property
     def position_bits_are_free(self) -> bool:
-        """Whether more bits of positions than usual are the encoder's to choose."""
+        """Whether the encoder may choose more position bits than usual."""
         return self.given["position_bits"] is None
 
     def _refuse_strange(self, codec):
-        """Options that only other codecs read are a mistake, not to be passed over."""
+        """Refuses options that only other codecs read: they are a mistake that must not be ignored."""
         strange = strange_options(codec)
         for option in fields(self):
             if option.name in strange and getattr(self, option.name) != option.default:
@@ -285,7 +404,7 @@ class EncodeOptions:
                              value=", ".join(self.codec_options))
 
     def _refuse_bounds(self):
-        """Error bounds that exclude each other, or what else sets the quality."""
+        """Refuses error bounds that exclude each other or another setting of the quality."""
         if self.lossless and self.max_error:
             raise InputError("TXF-I50", "lossless and max_error cannot be combined", value=self.max_error)
         if self.lossless or self.max_error is not None:
@@ -296,14 +415,14 @@ class EncodeOptions:
 
     @property
     def reckoned_qp(self) -> int:
-        """The QP whose error the choices before coding reckon with."""
+        """The QP that the choices before coding assume for the error."""
         if self.qp is not None:
             return self.qp
         return FREE_QPS.get(self.rate, RATES[self.rate][1]) if self.rate_is_free else RATES[self.rate][1]
 
     @property
     def may_choose_texels(self) -> bool:
-        """Whether fields over texels may come of these options."""
+        """Whether these options allow fields over texels."""
         return not codec_of(self.codec).joint and (self.support == "texels" or (self.support == "auto" and self.rate_is_free))
 
     @property
@@ -326,12 +445,12 @@ class DecodeOptions:
     threads : int
         Most threads; 0: all processors.
     isolate : bool
-        Decode where memory and time are capped: in a WebAssembly sandbox, or a child process where there is none.
+        Cap memory and time: decode in a WebAssembly sandbox, or in a child process if there is none.
     engine : str
         "numba": kernels, compiled at their first use; "wasm": the sandbox; "auto": the sandbox as long as kernels are not
-        compiled, and with isolate where it can. Values are the same.
+        compiled, and with isolate if it can decode the stream. Values are the same.
     limits : Limits
-        What a stream may ask for.
+        Limits on the stream.
 
     Raises
     ------

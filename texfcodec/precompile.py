@@ -1,4 +1,4 @@
-"""Compiling the kernels ahead of use, and telling without numba whether that has been done."""
+"""Compiling the kernels before their use, and detecting compiled kernels without numba."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _FIRST_RUN = "first run: compiling the kernels takes about {} s, once"
 
 
 def first_run(seconds: int) -> str | None:
-    """The line that says what a first run does, None where the kernels are compiled. seconds: ENCODING, DECODING or ALL."""
+    """The line that announces compilation, None if the kernels are compiled. seconds: ENCODING, DECODING or ALL."""
     return None if kernels_compiled() else _FIRST_RUN.format(seconds)
 
 
 class Stage(NamedTuple):
-    """Kernels that are compiled together. compile_them: does so; entries: files of the package whose kernels come last."""
+    """Kernels that are compiled together. compile_them: compiles them; entries: files of the package whose kernels come last."""
 
     compile_them: Callable[[], None]
     entries: tuple[str, ...] = ENTRIES
@@ -48,7 +48,7 @@ def compile_encoding() -> None:
 
 
 def compile_decoding() -> None:
-    """Compiles what a decoder needs last: the levels of the transform. A decode begins with supports meanwhile."""
+    """Compiles the kernels that a decoder needs last: the levels of the transform. Meanwhile a decode begins with supports."""
     from .codecs import codec_of
     from .options import DEFAULT_CODEC
 
@@ -56,7 +56,7 @@ def compile_decoding() -> None:
 
 
 def compile_saving() -> None:
-    """Compiles what saving as a GLB needs: what fills an atlas, then what makes one. Nothing is coded or decoded for it."""
+    """Compiles the kernels of saving as a GLB: those that fill an atlas, then those that build it. No stream is involved."""
     import numpy as np
 
     from .field.voxels import VoxelSupport
@@ -104,7 +104,7 @@ def warm_up() -> None:
 
 
 def _simplify_small():
-    """What an encode of more faces than the small scene has does to its mesh."""
+    """Runs the steps that an encode takes for a mesh of more faces than the small scene has."""
     import numpy as np
 
     from .encoder.mesh.drawn_source import draw_onto
@@ -126,7 +126,7 @@ def _simplify_small():
 
 
 def small_scene() -> Scene:
-    """Two crossing sheets, one of them see-through, so that fields split and both channel groups are coded."""
+    """Two crossing sheets, one of them transparent, so that fields split and both channel groups are coded."""
     import numpy as np
 
     from .scene.scene import ALPHA_BLEND, Material, Scene, Texture

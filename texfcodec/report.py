@@ -1,4 +1,4 @@
-"""What a run tells about itself: seconds by stage, peak memory, warnings and dropped properties."""
+"""The report of a run: seconds by stage, peak memory, warnings and dropped properties."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -9,20 +9,20 @@ SENTENCES = ("warnings", "dropped", "remarks")  # the lists of a report that are
 
 
 def no_step(done: int, total: int) -> None:
-    """A Step that nobody listens to."""
+    """A Step without an effect."""
 
 
 def plural(count: int, singular: str, many: str) -> str:
-    """The count and its noun, with all that goes by it: plural(1, "face is flat", "faces are flat") is "1 face is flat"."""
+    """The count and its noun: plural(1, "face is flat", "faces are flat") is "1 face is flat"."""
     return f"{count} {singular if count == 1 else many}"
 
 
 class Cancelled(KeyboardInterrupt):
-    """The progress callback asked to stop."""
+    """The progress callback returned False."""
 
 
 class Report:
-    """What happened on the way, whatever came of it.
+    """Record of a run, successful or not.
 
     Parameters
     ----------
@@ -35,23 +35,23 @@ class Report:
     seconds : dict
         By stage.
     warnings, dropped : list of str
-        What will look different, in sentences, and properties that are not coded.
+        Visible differences, in sentences; names of properties that are not coded.
     remarks : list of str
-        What changes no picture.
+        Sentences on things that change no picture.
     trials : list of dict
-        Of a search.
+        Trial encodes of a search.
     channels : list of dict
         Of a decoder, {"field", "channels", "decode_ms"} for each attribute unit.
     child_peak_memory_bytes : int or None
         Of a decoder in a child process.
     note : str
-        What the stage at work has to say of itself, "" for nothing.
+        Text on the current stage, "" for none.
 
     Notes
     -----
-    A stage is a block `with report.stage(name):`. One that may last more than two seconds says how far it is where it has a loop
-    anyway: `report.stage(name, (number, count))` for each of its parts, and within a part step(done, total), the function that
-    stage() gives and that rooms without a Report take as an argument. Nothing is computed for the percentage alone.
+    A stage is a block `with report.stage(name):`. A stage that may last more than two seconds reports its progress from a loop
+    that it has anyway: `report.stage(name, (number, count))` for each of its parts, and within a part step(done, total), the
+    function that stage() gives and that rooms without a Report take as an argument. Nothing is computed for the percentage alone.
     """
 
     def __init__(self, on_progress: Callable[[str, int, int], object] | None = None) -> None:
@@ -73,20 +73,23 @@ class Report:
         return f"<Report: {sum(self.seconds.values()):.2f} s" + (f" ({stages}{more})" if stages else "") + f", {counts}>"
 
     def take(self, other: "Report") -> None:
-        """Adds what another report of the same run has: seconds, sentences, trials and channels."""
+        """Adds the seconds, sentences, trials and channels of another report of the same run."""
         self.take_seconds(other)
         for name in ("warnings", "dropped", "remarks", "trials", "channels"):
             getattr(self, name).extend(getattr(other, name))
 
     def take_seconds(self, other: "Report") -> None:
-        """Adds the seconds of another report alone: of work whose result was not kept."""
+        """Adds the seconds of another report, and nothing else, for work whose result was not kept."""
         for name, value in other.seconds.items():
             self.seconds[name] = round(self.seconds.get(name, 0.0) + value, 6)
 
     @contextmanager
     def stage(self, name: str, part: tuple[int, int] = (0, 1)) -> Iterator[Step]:
-        """Context manager: a stage of this name, whose seconds add up. part: (number, of how many) where it comes in parts, such
-        as fields. Gives step(done, total), which says how far this part is."""
+        """Context manager of a stage, which adds its seconds to those of the same name.
+
+        part: (number, count) of a stage in parts, such as fields. Gives step(done, total), which reports the progress of this
+        part.
+        """
         number, parts = part
         self.progress(name, number, parts)
         begin = time.perf_counter()
@@ -95,13 +98,13 @@ class Report:
         self.progress(name, number + 1, parts)
 
     def progress(self, stage: str, done: int, total: int) -> None:
-        """Says that a stage has done so much of a total. Raises Cancelled where the callback returns False."""
+        """Reports the progress of a stage to the callback. Raises Cancelled if the callback returns False."""
         if self.on_progress and self.on_progress(stage, done, total) is False:
             raise Cancelled(f"cancelled in stage {stage}")
 
 
 def peak_memory_bytes() -> int | None:
-    """Largest resident set of this process so far, in bytes; None where the platform does not tell."""
+    """Largest resident set of this process so far, in bytes; None if the platform does not report it."""
     try:
         with open("/proc/self/status", "rb") as file:
             return peak_of_status(file.read())
@@ -117,7 +120,9 @@ def peak_memory_bytes() -> int | None:
 
 
 def peak_of_status(status: bytes) -> int:
-    """The same from the text of Linux's /proc/self/status; ValueError: it does not say. Linux's getrusage() will not do: what it
-    tells a child includes the peak of the process that began it."""
+    """Peak memory in bytes from the text of Linux's /proc/self/status. Raises ValueError if it is not there.
+
+    Linux's getrusage() is no substitute: for a child it includes the peak of the process that started it.
+    """
     begin = status.index(b"VmHWM:") + 6
     return int(status[begin : status.index(b"kB", begin)]) * 1024

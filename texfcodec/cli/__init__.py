@@ -1,4 +1,4 @@
-"""The command lines. Where the process is one of them, Ctrl-C is answered from here on, before anything heavy is imported."""
+"""The command lines. If the process is one of them, Ctrl-C is handled from here on, before anything heavy is imported."""
 
 from . import interrupts
 

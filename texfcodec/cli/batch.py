@@ -1,4 +1,4 @@
-"""texf-enc --batch: every asset of a catalogue becomes a stream, in processes of their own, here or on a Dask cluster."""
+"""texf-enc --batch: encodes every asset of a catalogue, each in a process of its own, here or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NAMES = {"shell_complete": file_names}
 
 
 def batch_flags(option: Callable) -> Callable[[Callable], Callable]:
-    """Decorator: the flags of a batch; take their values out of the choices with batch_of(). option: of an OptionGroup."""
+    """Decorator: the flags of a batch, whose values batch_of() takes out of the choices. option: of an OptionGroup."""
     table = {
         "batch": ("CATALOGUE", {"help": "Encode every mesh in a folder and its subfolders, or in a manifest. Requires --out.",
                                 **NAMES}),
@@ -56,7 +56,7 @@ def batch_flags(option: Callable) -> Callable[[Callable], Callable]:
 
 
 def batch_of(choices: dict[str, Any], source: str | None, out: str | None) -> dict[str, Any] | None:
-    """Takes the values of batch_flags out of the choices: as a dict, or None where no batch is asked for."""
+    """Takes the values of batch_flags out of the choices and returns them; None without --batch."""
     flags = {name: choices.pop(name) for name in FLAGS}
     given = [flag_of(name) for name, value in flags.items() if value is not None]
     if flags["batch"] is None:
@@ -75,7 +75,7 @@ def batch_of(choices: dict[str, Any], source: str | None, out: str | None) -> di
 
 
 def encode_batch(console: Console, flags: dict[str, Any], checkpoint: str | None, dry_run: bool) -> int:
-    """Codes them all and returns the exit code: 0, EXIT_DIFFERS where an asset failed, EXIT_IO where the disk is full."""
+    """Encodes all assets and returns the exit code: 0, EXIT_DIFFERS if an asset failed, EXIT_IO if the disk is full."""
     from ..batch.folders import only_run, work_room
     from ..batch.task_progress import progress
 
@@ -105,7 +105,7 @@ def encode_batch(console: Console, flags: dict[str, Any], checkpoint: str | None
 
 
 class Batch:
-    """A batch at work. failed: how many assets; is_full: whether a disk was full; totals: of all assets so far."""
+    """A batch at work. failed: number of assets; is_full: whether a disk was full; totals: of all assets so far."""
 
     def __init__(self, console: Console, out: Path, words: tuple[str, ...], flags: dict[str, Any]) -> None:
         self.console, self.out, self.words, self.flags = console, out, words, flags
@@ -113,7 +113,7 @@ class Batch:
         self.totals = Totals()
 
     def is_finished(self, asset: Asset) -> bool:
-        """Whether there is nothing to do; its old line is told then."""
+        """Whether an asset needs no more work; its line of an earlier run is then counted and printed."""
         row = self.results.finished(asset, self._words(asset))
         if row is not None:
             self.totals.add(row)
@@ -124,7 +124,7 @@ class Batch:
         return (*self.words, *asset.words)
 
     def run(self, assets: list[Asset], room: Path, show: Callable[[str, str, bool], None]) -> None:
-        """Codes assets, in processes here or on a cluster, and tells of each as it ends."""
+        """Encodes assets, in processes here or on a cluster, and reports each as it ends."""
         from ..batch.local import run_here
 
         self.show, self.assets = show, {asset.out: asset for asset in assets if asset.error is None}
@@ -144,7 +144,7 @@ class Batch:
             run_here(tasks, workers, room, self._ended)
 
     def _warm_up(self):
-        """Compiles the kernels once, before many processes would all do it."""
+        """Compiles the kernels once, instead of in many processes at the same time."""
         from ..batch.children import WARM_UP, Caps, Children
 
         line = first_run(ALL)
@@ -181,7 +181,7 @@ class Batch:
         self._show(asset, f"{row['stream']['bytes']} bytes, {facts['seconds']['total']:.2f} s{losses_in_words(facts)}", False)
 
     def _kept(self, asset, folder, facts):
-        """Puts the stream at its place, and then its line, which is returned."""
+        """Moves the stream to its place, then appends its line and returns it."""
         names, stream, target = facts["source"].pop("names"), folder / STREAM, self.out / asset.out
         home = os.path.dirname(names[0])  # the first is the asset itself, wherever it was read
         files = {Path(os.path.relpath(name, home)).as_posix() for name in names}
@@ -216,7 +216,7 @@ class Batch:
         click.echo(json_text(row), file=self.console.results)
 
     def summary(self, count: int, tried: int) -> str:
-        """One line about all."""
+        """One line about the whole batch."""
         seconds = time.perf_counter() - self.begin
         return (f"{plural(count, 'asset', 'assets')}: {tried - self.failed} encoded in {seconds:.0f} s, {count - tried} "
                 f"already encoded, {self.failed} failed; see {self.out / 'results.jsonl'}")
@@ -231,7 +231,7 @@ def _answer_of(folder):
 
 
 def _error_of(outcome, facts, task):
-    """What went wrong: the encoder's own error as a dict, or one of ours."""
+    """The encoder's own error as a dict, or the batch's."""
     from ..batch.tasks import OVERDUE
 
     if facts is not None and "error" in facts:

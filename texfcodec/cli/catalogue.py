@@ -1,4 +1,4 @@
-"""What texf-enc --batch codes: the mesh files of a folder, or those of a manifest, each with the name of its stream."""
+"""Catalogues of texf-enc --batch: the mesh files of a folder, or those of a manifest, each with the name of its stream."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ NOT_OF_AN_ASSET = {"batch", "checkpoint", "dry_run", "help", "jobs", "json", "li
 
 @dataclass(frozen=True)
 class Asset:
-    """name: as results call it; path: its file; out: of its stream, below the folder for results; words: flags of its own;
-    error: why it cannot be coded, or None; is_named: whether a manifest chose out."""
+    """name: in results; path: its file; out: of its stream, below the folder for results; words: flags of its own; error: the
+    reason that it cannot be encoded, or None; is_named: whether a manifest chose out."""
 
     name: str
     path: Path
@@ -37,9 +37,12 @@ class Asset:
 
 
 def read_catalogue(source: Path, out: Path, note: Callable[[str], object], passed_over: PassedOver | None = None) -> list[Asset]:
-    """Assets of a folder with the folders in it, sorted by name, or of a manifest, in its order, their streams named by
-    stream_names.py. out: the folder for results, which is passed over; note(text): links that are; passed_over: gets other
-    files. Raises InputError TXF-I57, and TXF-I01 for what is not there."""
+    """Assets of a folder with its subfolders, sorted by name, or of a manifest, in its order; stream_names.py names their
+    streams.
+
+    out: the folder for results, which is skipped; note(text): reports skipped links; passed_over: gets other files. Raises
+    InputError TXF-I57, and TXF-I01 for a catalogue that does not exist.
+    """
     try:
         if source.is_dir():
             assets = _of_folder(source, out, note, passed_over if passed_over is not None else PassedOver())
@@ -118,7 +121,7 @@ def _check(is_fine, text):
 
 def words_of(options: dict[str, Any]) -> tuple[str, ...]:
     """Options as flags: {"qp": 24, "measure": true, "limit": ["faces=9", "voxels=9"]} is --qp 24 --measure --limit faces=9
-    --limit voxels=9. Raises ValueError for other values than these."""
+    --limit voxels=9. Raises ValueError for values of other types."""
     words = []
     for name, value in options.items():
         _check(name.replace("-", "_") not in NOT_OF_AN_ASSET, f"{name} is not an option of an asset")

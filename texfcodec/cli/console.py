@@ -1,4 +1,4 @@
-"""What the command lines share: exit codes, errors, progress, output and the facts that every report ends with."""
+"""Shared parts of the command lines: exit codes, errors, progress, output and the facts at the end of every report."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ STYLE = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
 class Console:
-    """Where a command talks: results on stdout, the rest on stderr; errors go where the results go when they are JSON."""
+    """Output of a command: results on stdout, the rest on stderr; errors go with the results if they are JSON."""
 
     def __init__(self, arguments: list[str]) -> None:
         self.as_json, self.quiet = "--json" in arguments, "--quiet" in arguments
@@ -37,7 +37,7 @@ class Console:
         self.results = sys.stdout
 
     def stdout_is_taken(self) -> None:
-        """The output itself goes to stdout: results, and errors as JSON, go to stderr."""
+        """Sends results, and errors as JSON, to stderr, because the output itself goes to stdout."""
         self.results, interrupts.Talk.errors = sys.stderr, 2
 
     def note(self, text: str) -> None:
@@ -46,12 +46,12 @@ class Console:
             click.echo(printable(text), err=True)
 
     def note_first_run(self, seconds: int) -> None:
-        """Says that kernels are compiled first, if they are. seconds: ENCODING or DECODING of precompile.py."""
+        """Announces the compilation of kernels if they are not compiled. seconds: ENCODING or DECODING of precompile.py."""
         if line := first_run(seconds):
             self.note(line)
 
     def result(self, facts: dict, lines: Iterable[str]) -> None:
-        """The outcome: facts as one JSON object with --json, otherwise the lines, which --quiet silences."""
+        """Prints the outcome: facts as one JSON object with --json, otherwise the lines, which --quiet silences."""
         cleanup.finish()
         if self.as_json:
             text = json_text({"schema": SCHEMA, **facts})
@@ -63,7 +63,7 @@ class Console:
         self.results.flush()
 
     def warnings(self, report: Report) -> None:
-        """Warnings, dropped properties and remarks, one line each on stderr."""
+        """Prints warnings, dropped properties and remarks on stderr, a line each."""
         for name, sign in SIGNS.items():
             for text in getattr(report, name):
                 self.note(f"{sign}: {text}")
@@ -81,7 +81,7 @@ class Console:
         return exit_code
 
     def progress(self) -> AbstractContextManager[Report]:
-        """Context manager: a Report whose stages are shown by a bar where stderr is a terminal, else by a line now and then."""
+        """Context manager: a Report whose stages are shown by a bar if stderr is a terminal, else by a line now and then."""
         from ..report import Report
         from . import progress
 
@@ -134,7 +134,7 @@ def _guarded(command, arguments, console):
 
 
 def _remedy(error):
-    """What to do about a limit, which no message says: {"remedy": text}, {} for other errors."""
+    """{"remedy": text} for a limit, whose message does not contain it; {} for other errors."""
     from ..findings import BY_CODE
 
     return {"remedy": BY_CODE[error.code].remedy} if isinstance(error, LimitError) and error.code in BY_CODE else {}
@@ -146,7 +146,7 @@ def printable(text: str) -> str:
 
 
 def check_output(path: str, inputs: Iterable[str] = ()) -> None:
-    """Refuses a hopeless path before any work is done, and one of the files that were read; "-" and devices are fine."""
+    """Refuses a path that cannot be written before any work is done, and an input file. "-" and devices are accepted."""
     from ..io.output_files import check_target
 
     if path != "-" and not is_device(path):
@@ -154,8 +154,10 @@ def check_output(path: str, inputs: Iterable[str] = ()) -> None:
 
 
 def write_output(path: str, data: bytes, inputs: Iterable[str] = ()) -> None:
-    """Writes bytes to stdout ("-"), to a device, or to a temporary name beside the path that is then renamed, unless the path is
-    one of the files that were read. It is the last step of a command."""
+    """Writes bytes to stdout ("-"), to a device, or to a temporary name beside the path that is then renamed.
+
+    Refuses a path that is one of the inputs. It is the last step of a command.
+    """
     from ..io.output_files import as_input_error, write_all
 
     cleanup.last_step()
@@ -178,12 +180,12 @@ def write_output(path: str, data: bytes, inputs: Iterable[str] = ()) -> None:
 
 
 def is_device(path: str) -> bool:
-    """True for what must not be replaced by a file: a device or a pipe."""
+    """Whether a path must not be replaced by a file: a device or a pipe."""
     return os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path)
 
 
 def run_facts(report: Report) -> dict[str, Any]:
-    """What every report of a run ends with: time, memory, warnings, losses and remarks."""
+    """Facts at the end of every report of a run: time, memory, warnings, losses and remarks."""
     from ..report import peak_memory_bytes
 
     return {"seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings,
@@ -191,7 +193,7 @@ def run_facts(report: Report) -> dict[str, Any]:
 
 
 def seconds_of(report: Report) -> dict[str, float]:
-    """Seconds by stage as a report prints them, with the whole command's under "total"."""
+    """Seconds by stage as reports print them, with those of the whole command under "total"."""
     stages = {name: round(value, 4) for name, value in report.seconds.items()}
     return {**stages, "total": round(time.perf_counter() - BEGIN, 4)}
 

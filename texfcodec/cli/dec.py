@@ -113,20 +113,20 @@ def _stages(out, appearance, sandboxed):
 
 
 def _fallback(texf, faces):
-    """What is shown by viewers that do not know the stream."""
+    """The Texf with at most so many faces, for viewers that do not know the stream."""
     from ..encoder.fallback import with_fewer_faces
 
     return with_fewer_faces(texf, faces)
 
 
 def _take_out(data, source, out):
-    """Writes the stream itself, which has been decoded without a fault; what save() tells."""
+    """Writes the stream itself, which has been decoded without a fault; returns facts in the form of save()."""
     write_output(out, data, [] if source == "-" else [source])
     return {"warnings": [], "dropped": [], "remarks": [], "files": [Path(out).name], "seams": None, "carried": None}
 
 
 def _save(texf, source, out, overwrite, look):
-    """Writes OUT and what belongs beside it; what save() tells."""
+    """Writes OUT and the files beside it; returns the facts of save()."""
     from ..core import cleanup
     from ..io.save import as_glb, save
 

@@ -1,4 +1,4 @@
-"""Counts in a stream, and its channels with what was decided, why, and what it cost, in words; for texf-enc and texf-info."""
+"""Lines for texf-enc and texf-info: counts in a stream, and the decision, reasons and cost of each channel."""
 
 from collections.abc import Iterator
 

@@ -112,7 +112,7 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
 
 
 def _options(choices):
-    """EncodeOptions of the flags that were given; the defaults stay with EncodeOptions."""
+    """EncodeOptions of the given flags; EncodeOptions has the defaults."""
     choices = {name: value for name, value in choices.items() if not (value is None or value is False)}
     _check_codec(choices)
     ways = {"--rate": "rate", "--resolution/--qp": "resolution qp", "--target-bytes": "target_bytes",
@@ -133,7 +133,7 @@ def _options(choices):
 
 
 def _check_codec(choices):
-    """Flags of the codec that was not chosen are a mistake, not to be passed over."""
+    """Refuses flags of a codec that was not chosen: they are a mistake that must not be ignored."""
     name = choices.get("codec", DEFAULT_CODEC)
     for option in sorted(strange_options(codec_of(name)) & choices.keys()):
         raise click.UsageError(f"{flag_of(option)} does not apply to --codec {name}")
@@ -156,7 +156,7 @@ def _load(source, options, report):
 
 
 def _encode(scene, options, report, out, explained=None):
-    """Encodes, measures where asked, writes; returns what the stream is like. explained: as of seconds_to_explain."""
+    """Encodes, measures if requested, and writes; returns facts about the stream. explained: as of seconds_to_explain."""
     from ..bitstream.inspect import inspect
 
     encoded = encode_loaded(scene, options, report)
@@ -184,14 +184,14 @@ def _explain(scene, options, encoded, report, seconds):
 
 
 def _sizes(scene, total):
-    """What the scene was read from, in bytes, and how many times smaller the stream is; total: bytes of the stream, or None."""
+    """Bytes of the source's files, and their ratio to the stream. total: bytes of the stream, or None."""
     source = sum(scene.files.values())
     source_facts = {"bytes": source, "files": len(scene.files), "names": list(scene.files)}
     return {"source": source_facts, "ratio": total and round(source / total, 3)}
 
 
 def _estimate(scene, options, report):
-    """What --dry-run reports: counts as they stand in the source, voxels and seconds as a guess, and the first stage."""
+    """Facts of --dry-run: counts of the source, estimates of voxels and seconds, and the decisions of the first stage."""
     from dataclasses import replace
 
     from ..encoder.dry_run import estimate
@@ -242,12 +242,12 @@ def _lines(facts, out):
 
 
 def _grid(resolution):
-    """K, where anything is over voxels."""
+    """K, if anything is over voxels."""
     return "texels, " if resolution is None else f"K {resolution}, "
 
 
 def _normal_lines(facts):
-    """How far shading normals are off, what their unit takes and what it gains, and what became of normal maps."""
+    """Yields the error of the shading normals, the bytes and gain of their unit, and the treatment of normal maps."""
     if "degrees" in facts:
         size, (half, most, _) = facts.get("marks_bytes", 0) + facts.get("normals_bytes", 0), facts["degrees"]
         rules = f"; {size} bytes of marks and residuals; rules alone: {facts['rule_degrees'][1]} degrees on 95 %" if size else ""
@@ -258,7 +258,7 @@ def _normal_lines(facts):
 
 
 def _support_lines(supports):
-    """What was chosen that was not asked for."""
+    """Yields the encoder's own choices of supports and K."""
     groups = [group for group in supports["groups"] if supports["asked"] == "auto"]
     texels = [group for group in groups if group["chosen"] == "texels"]
     if texels:
@@ -271,7 +271,7 @@ def _support_lines(supports):
 
 
 def _mesh_lines(sent):
-    """What is sent in place of the source's mesh at the usual position bits."""
+    """Yields the choice of the mesh and its position bits, instead of the source's mesh at the usual bits."""
     if "tried" not in sent:
         if "position_bits" in sent:
             yield f"position bits: {sent['position_bits']}; fewer would lose more than they save"

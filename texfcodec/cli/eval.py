@@ -1,4 +1,4 @@
-"""texf-eval: how far a coded mesh is from its source, in rendered views and at points of its surface."""
+"""texf-eval: the error of a coded mesh against its source, in rendered views and at points of its surface."""
 
 from functools import partial
 
@@ -65,7 +65,7 @@ def _named(scene, path, report):
 
 
 def _open(path, options, report):
-    """Scene of a mesh, Texf of a stream."""
+    """Scene of a mesh, or Texf of a stream."""
     texf = open_carried(path, options, report)
     if texf is not None:
         return texf
@@ -75,7 +75,7 @@ def _open(path, options, report):
 
 
 def _measured(scene, decoded, flags, lpips, threads, report):
-    """What the command reports beside time and warnings. flags: the values of the flags of measures."""
+    """Measures of the command, without time and warnings. flags: the values of the flags of measures."""
     from ..geometry.mesh import Mesh
     from ..metrics.psnr_3d import measure, measure_or_warn
     from ..metrics.shaded import compare_shaded

@@ -1,4 +1,4 @@
-"""--explain-time of texf-enc: its flags, and what it prints."""
+"""--explain-time of texf-enc: its flags, and its output."""
 
 from collections.abc import Callable, Iterator
 
@@ -19,7 +19,7 @@ def explain_flags(option: Callable) -> Callable[[Callable], Callable]:
 
 
 def seconds_to_explain(choices: dict, dry_run: bool) -> float | None:
-    """Takes both flags out of choices: seconds for other settings, 0 where none are given; None where nothing was asked for."""
+    """Takes both flags out of choices; returns the seconds for other settings, 0 if not given, None without either flag."""
     explains, seconds = choices.pop("explain_time"), choices.pop("explain_seconds")
     if dry_run and (explains or seconds):
         raise click.UsageError("--explain-time and --dry-run cannot be combined")
@@ -27,7 +27,7 @@ def seconds_to_explain(choices: dict, dry_run: bool) -> float | None:
 
 
 def explain_lines(explained: dict) -> Iterator[str]:
-    """What texfcodec.encoder.explain.explain_time returns, for people: stages by their seconds, then a table of changes."""
+    """Lines for people from the result of encoder.explain.explain_time: stages by their seconds, then a table of changes."""
     total = sum(explained["stages"].values()) or 1.0
     shown = sorted(explained["stages"].items(), key=lambda stage: -stage[1])
     yield "time by stage: " + ", ".join(f"{name} {seconds:.2f} s ({100 * seconds / total:.0f} %)"

@@ -1,4 +1,4 @@
-"""Flags of the command lines, made from the tables of options.py and limits.py: range, default and text are said there."""
+"""Flags of the command lines, derived from the tables of options.py and limits.py, which hold range, default and text."""
 
 import math
 from collections.abc import Callable
@@ -48,15 +48,15 @@ def number(low: float, high: float, text: str = "") -> dict[str, Any]:
 
 
 def file_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> list:
-    """For shell_complete of what names a file: the shell itself completes it."""
+    """Completion of a file name, for shell_complete: the shell itself completes it."""
     from click.shell_completion import CompletionItem
 
     return [CompletionItem(incomplete, type="file")]
 
 
 def option_flags(kind: type, *names: str, option: Callable = click.option) -> Callable[[Callable], Callable]:
-    """Decorator: a flag for each of these fields of EncodeOptions or DecodeOptions; None, or False, where it is not given.
-    option: click's, or that of an OptionGroup."""
+    """Decorator: a flag for each of these fields of EncodeOptions or DecodeOptions; None, or False, if it is not given. option:
+    click's, or that of an OptionGroup."""
     table = {named.name: named for named in fields(kind)}
 
     def decorate(function):
@@ -92,8 +92,8 @@ def _default_text(option):
 
 
 def limit_flags(*names: str, option: Callable = click.option) -> Callable[[Callable], Callable]:
-    """Decorator: --limit NAME=N for these fields of Limits, and the flags --max-NAME of version 0.9, hidden; read them back with
-    limits_of. option: click's, or that of an OptionGroup."""
+    """Decorator: --limit NAME=N for these fields of Limits, and the hidden flags --max-NAME of version 0.9; limits_of() reads
+    them. option: click's, or that of an OptionGroup."""
     shown = [f"{name.replace('_', '-')}={getattr(Limits(), name)}" for name in names]
     lines = [f"{text:{max(map(len, shown))}}  {_LIMIT_TEXT[name]}".rstrip() for text, name in zip(shown, names, strict=True)]
     text = "Limit NAME to N; 0 for no limit. May be repeated.\n\n\b\n[default:\n" + "\n".join(lines) + "]"
@@ -117,7 +117,7 @@ def limit_flags(*names: str, option: Callable = click.option) -> Callable[[Calla
 
 
 def limits_of(choices: dict) -> Limits:
-    """Takes the values of limit_flags out of the dict of choices and makes Limits of them."""
+    """Takes the values of limit_flags out of the choices and returns them as Limits."""
     old = {name: choices.pop(f"max_{name}") for name in Limits.__dataclass_fields__ if f"max_{name}" in choices}
     pairs = (word.split("=") for word in choices.pop("limit"))
     new = {name.replace("-", "_"): int(count) for name, count in pairs}
@@ -125,7 +125,7 @@ def limits_of(choices: dict) -> Limits:
 
 
 def report_flags(quiet: str = "Print only errors: no progress, warnings or summary.") -> Callable[[Callable], Callable]:
-    """Decorator: --json, --quiet with this help, and --version."""
+    """Decorator: --json, --quiet with the given help, and --version."""
 
     def decorate(function):
         function = click.version_option(__version__, message="%(prog)s %(version)s")(function)

@@ -1,4 +1,4 @@
-"""texf-info: what stands where in a stream."""
+"""texf-info: the syntax elements of a stream."""
 
 from collections import Counter
 from functools import partial
@@ -48,7 +48,7 @@ def info(console, file, as_json, quiet, effects, verify, **choices):
 
 
 def _verify(data, facts, limits):
-    """Decodes everything within the bounds of the lowest level that holds it, and within limits; level None: above all levels."""
+    """Decodes everything within limits and within the bounds of the lowest level that holds it; level None: above all levels."""
     levels = [level for level in LEVELS if level >= (facts["level"] or max(LEVELS))]
     for level in [*levels, None]:
         try:
@@ -61,13 +61,14 @@ def _verify(data, facts, limits):
 
 
 def _both(first, second):
-    """The lower of two Limits in every respect."""
+    """Limits with the lower of two values for each."""
     pairs = ((name, getattr(first, name), getattr(second, name)) for name in Limits.__dataclass_fields__)
     return Limits(**{name: min(filter(None, values), default=0) for name, *values in pairs})
 
 
 def _effect_facts(data, facts, limits):
-    """What channels and effects take: {"channels": one entry for each attribute unit, "drawing": of metrics.effect_times}."""
+    """Bytes and times of channels and effects: {"channels": one entry for each attribute unit, "drawing": of
+    metrics.effect_times}."""
     from ..decoder import decode_stream
     from ..metrics.effect_times import effect_times
 
@@ -118,13 +119,13 @@ def _lines(file, facts):
 
 
 def _level_in_words(facts):
-    """Profile and level, which what only decoding tells may still raise."""
+    """Profile and level, with a note if decoding may raise the level."""
     known = "" if facts.get("verified") else " by its counts; --verify also checks its surface"
     return f"profile: {facts['profile'] or 'private'}, level: {facts['level'] or f'above {max(LEVELS)}'}{known}"
 
 
 def _field_in_words(field):
-    """What a field is over, from its syntax elements."""
+    """The support of a field, from its syntax elements."""
     if field["support"] != SUPPORT_TEXELS:
         return f"K {field['resolution']}, {field['num_keys']} voxels"
     return (f"{field['num_keys']} texels of {field['width']} x {field['height']}, {WRAP_NAMES[field['wrap_s']]} x "
@@ -132,7 +133,7 @@ def _field_in_words(field):
 
 
 def _normals_in_words(facts):
-    """How shading normals are made, a line for every rule, and the marks that it asks for."""
+    """The derivation of shading normals, a line for every rule, and the marks that it needs."""
     rules = Counter(str(rule_of(m["normal_rule"], m["normal_angle"])) for m in facts["materials"] if m["normal_rule"] is not None)
     for rule, count in rules.items():
         yield f"normals of {count} material{'s' * (count != 1)}: {rule}"

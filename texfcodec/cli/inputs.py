@@ -1,4 +1,4 @@
-"""What the tools read: a mesh file, a stream, or "-" for stdin, which is told apart by its first bytes."""
+"""Inputs of the tools: a mesh file, a stream, or "-" for stdin, whose first bytes decide its kind."""
 
 from __future__ import annotations
 
@@ -24,22 +24,26 @@ CARRIED = "{}: the carried stream is read instead of its fallback"
 
 
 def check_stdin_once(*paths: str | None) -> None:
-    """A wrong command line where more than one input is "-"."""
+    """Refuses a command line in which more than one input is "-"."""
     if paths.count("-") > 1:
         raise click.UsageError("only one input may be - (stdin)")
 
 
 def read_stream(path: str, limits: Limits) -> bytes:
-    """Bytes of a .texf file, or of stdin for "-"; of a GLB that carries a stream, the stream. Errors: as read_stream_file(), and
-    TXF-I26 for a GLB that carries none."""
+    """Bytes of a .texf file, or of stdin for "-"; from a GLB that carries a stream, the stream.
+
+    Errors: as read_stream_file(), and TXF-I26 for a GLB without a stream.
+    """
     from ..io.gltf.carried import stream_within
 
     return stream_within(read_stream_file(path, limits))
 
 
 def load_mesh(path: str, strict: bool = False, limits: Limits | None = None) -> Scene:
-    """Scene of a mesh file, or of one on stdin for "-", in any format that one file holds. Errors: as io.load, and TXF-I05 where
-    the first bytes on stdin tell no format."""
+    """Scene of a mesh file, or of one on stdin for "-", in any format of a single file.
+
+    Errors: as io.load, and TXF-I05 if the first bytes on stdin belong to no known format.
+    """
     from ..io.load import load
 
     return _stdin_mesh(_stdin(), strict, limits) if path == "-" else load(path, strict, limits)
@@ -77,7 +81,7 @@ def _stdin_mesh(data, strict, limits):
 
 
 def carried_stream(path: str, limits: Limits) -> bytes | None:
-    """The stream that a GLB carries; None for any other path, and where none can be taken out."""
+    """The stream that a GLB carries; None for any other path, and if it cannot be extracted."""
     try:
         with open(path, "rb") as file:
             if file.read(len(_GLB_MAGIC)) != _GLB_MAGIC:
@@ -88,8 +92,11 @@ def carried_stream(path: str, limits: Limits) -> bytes | None:
 
 
 def open_carried(path: str, options: DecodeOptions, report: Report) -> Texf | None:
-    """The Texf of the stream that a GLB carries; None for any other path, and for a stream that cannot be decoded, of which
-    load_mesh() says why. report: times, warnings, and a remark that this is not the mesh beside it."""
+    """The Texf of the stream that a GLB carries; None for any other path, and for a stream that cannot be decoded, whose error
+    load_mesh() reports.
+
+    report: times, warnings, and a remark that this is not the mesh beside it.
+    """
     data = carried_stream(path, options.limits)
     try:
         texf = None if data is None else _decoded(data, options, report)
@@ -108,8 +115,10 @@ def _decoded(data, options, report):
 
 
 def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Report) -> Scene | Texf:
-    """What is to be drawn, a Texf of a stream or a Scene of a mesh. inputs: gets the names of the files that were read; report:
-    times, warnings, and what of a mesh is not read."""
+    """The asset to draw: a Texf of a stream or a Scene of a mesh.
+
+    inputs: gets the names of the input files; report: times, warnings, and the parts of a mesh that are not read.
+    """
     texf = open_carried(path, options, report)
     if texf is not None:
         inputs.append(path)
@@ -125,8 +134,10 @@ def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Rep
 
 
 def checked_stream(data: bytes, limits: Limits) -> list[str]:
-    """Warnings about a stream whose values the page of texf-view is to decode, once what stands around them is found to be sound.
-    Raises what decode() raises of clauses 4 and 5, and TXF-U11."""
+    """Warnings about a stream for the page of texf-view, which decodes its values; everything around the values is checked here.
+
+    Raises the errors of decode() for clauses 4 and 5, and TXF-U11.
+    """
     from ..bitstream.stream import read_stream
     from ..codecs.base import PRIVATE_IDS
     from ..decoder import appearance_of
@@ -139,7 +150,7 @@ def checked_stream(data: bytes, limits: Limits) -> list[str]:
 
 
 def say_losses(console: Console, report: Report) -> None:
-    """Says a Report's warnings and remarks one by one; of what is not read only the number."""
+    """Prints a Report's warnings and remarks one by one, and only the number of properties that are not read."""
     if not console.as_json:
         for text in report.remarks:
             console.note(f"note: {text}")

@@ -1,11 +1,11 @@
-"""Ctrl-C: whatever the moment, the temporaries go, one line is said, and the process ends with 130.
+"""Ctrl-C at any moment: the temporaries are removed, one line is printed, and the process ends with 130.
 
-No exception is raised. Python raises KeyboardInterrupt wherever the main thread happens to be, and libraries do not all bear it:
-numba calls Python while it hands over results, and goes on with the exception set. And while a kernel runs, nothing is raised at
-all until it returns. So the handler does nothing, and a thread that waits for the signal's number ends the process.
+No exception is raised. Python raises KeyboardInterrupt wherever the main thread happens to be, and some libraries cannot handle
+it: numba calls Python while it converts results, and continues with the exception set. While a kernel runs, nothing is raised
+until it returns. So the handler does nothing, and a thread that waits for the signal's number ends the process.
 
-The handler stands from the first line of texfcodec.cli on, where the process is one of the tools. Before that line the
-interpreter starts, finds its paths and, with `python -m`, imports runpy: what it says to an interrupt then is Python's own.
+The handler is active from the first line of texfcodec.cli on if the process is one of the tools. Before that line the interpreter
+starts, computes its paths and, with `python -m`, imports runpy; an interrupt then gets Python's own answer.
 """
 
 import _signal  # not signal, which imports enum and what that needs: time in which Python's own handler would answer
@@ -24,9 +24,12 @@ CLOSED = "closed"
 
 
 class Talk:
-    """What the thread needs to know of the command. partly: a pipe or device may have got something; kept: what is
-    finished stays; bar: a progress bar is on the terminal; closes: Ctrl-C is how the command is meant to end; quiet: it says
-    nothing then; errors: the descriptor for errors as JSON, None before the command line is read; installed: it is at work."""
+    """State of the command that the thread reads.
+
+    partly: a pipe or device may have received a part; kept: finished results are kept; bar: a progress bar is on the terminal;
+    closes: Ctrl-C is the intended end of the command; quiet: it prints nothing then; errors: the descriptor for errors as JSON,
+    None before the command line is read; installed: the handler is active.
+    """
 
     errors: int | None = None
     partly, kept, bar, closes, quiet, installed = False, False, False, False, False, False
@@ -41,7 +44,7 @@ def is_program() -> bool:
 
 
 def install() -> None:
-    """Answers SIGINT from here on, unless the caller of the process ignores it or somebody else handles it."""
+    """Handles SIGINT from here on, unless the caller of the process ignores it or another handler is set."""
     if _signal.getsignal(_signal.SIGINT) is not _signal.default_int_handler:
         return
     try:
@@ -59,13 +62,14 @@ def install() -> None:
 
 
 def ignore() -> None:
-    """The process is about to end with a code of its own; Python gives SIGINT back to the system then, unless it is ignored."""
+    """Ignores SIGINT at the end of a process with a code of its own; Python would give SIGINT back to the system."""
     if Talk.installed:
         _signal.signal(_signal.SIGINT, _signal.SIG_IGN)
 
 
 def _wait(ear):
-    """The thread. Once the outcome stands an interrupt is passed over, but not a second one: who reads our output may hang."""
+    """Body of the thread. After the outcome a first interrupt is ignored, but not a second one: the reader of our output may
+    hang."""
     interrupts = 0
     while True:
         if _signal.SIGINT not in os.read(ear, 64):
@@ -86,7 +90,7 @@ def _wait(ear):
 
 
 def error_line(message: str) -> bytes:
-    """The line for people, or the JSON object where the command line asks for JSON, as bytes; without the json module."""
+    """The line for people, or the JSON object if the command line requests JSON, as bytes; without the json module."""
     if "--json" in sys.argv[1:]:
         error = f'"code": "{CODE}", "message": "{message}", "exit_code": {EXIT_INTERRUPTED}'
         return f'{{"schema": 1, "error": {{{error}}}}}\n'.encode()
@@ -94,7 +98,7 @@ def error_line(message: str) -> bytes:
 
 
 def message() -> str:
-    """What has become of the output."""
+    """A sentence on the state of the output."""
     return KEPT if Talk.kept else INCOMPLETE if Talk.partly else NOTHING_WRITTEN
 
 
@@ -119,5 +123,5 @@ def _say_closed():
 
 
 def _guessed_target():
-    """Before the command line is read: stdout, unless a lone dash may stand for it."""
+    """Descriptor before the command line is read: stdout, or stderr if a lone dash may stand for stdout."""
     return 2 if "-" in sys.argv[2:] else 1

@@ -1,4 +1,4 @@
-"""Files of a catalogue's folder that are no assets: counted by suffix, but for those that meshes name."""
+"""Files of a catalogue's folder that are not assets, counted by suffix; files that meshes refer to are not counted."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SYSTEM, _NO_SUFFIX = "files of the operating system", "files without suffix"
 
 
 def is_system_file(name: str) -> bool:
-    """Returns whether the operating system wrote a file for itself, such as the resource fork ._chair.glb that macOS writes."""
+    """Whether the operating system wrote a file for itself, such as the resource fork ._chair.glb of macOS."""
     return name.startswith("._") or name.lower() in _SYSTEM_FILES
 
 

@@ -1,4 +1,4 @@
-"""What a long run shows of itself on stderr: a bar on a terminal, a line now and then where there is none."""
+"""Progress of a long run on stderr: a bar on a terminal, else a line now and then."""
 
 import sys
 import threading
@@ -38,7 +38,7 @@ def bar() -> Iterator[Report]:
 
 @contextmanager
 def lines() -> Iterator[Report]:
-    """A Report whose stage at work gets a line every LINE_SECONDS: its name, the share done, the seconds since the beginning."""
+    """A Report whose current stage gets a line every LINE_SECONDS: its name, the share done, the seconds since the beginning."""
     begin, over, at_work = time.perf_counter(), threading.Event(), [("", 0.0)]  # stage and share, which change together
 
     def note(stage, done, total):

@@ -89,7 +89,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
 
 
 def _pictures(source, compare, choices, inputs, report):
-    """(Picture of the source, what compare() found or None, image to write); adds the files that were read to inputs."""
+    """(Picture of the source, figures of compare() or None, image to write); adds the input files to inputs."""
     options = DecodeOptions(threads=choices["threads"], limits=choices["limits"])
     first = load_asset(source, options, inputs, report)
     camera, measured = _camera(first, choices), bool(choices["shaded"])
@@ -135,7 +135,7 @@ def _image(picture, choices):
 
 
 def _compared(named, shown, compared, choices, report):
-    """What compare() found, and the sheet. named: (asset, path) of both; shown, compared: their Pictures."""
+    """Figures of compare(), and the sheet. named: (asset, path) of both; shown, compared: their Pictures."""
     from ..render.backdrop import GREY
     from ..render.difference import compare, names_of_halves, sheet
     from ..render.shade import box_down

@@ -1,4 +1,4 @@
-"""results.jsonl of texf-enc --batch: a line an asset, appended whole, and whether an asset needs no more work."""
+"""results.jsonl of texf-enc --batch: a line for each asset, appended whole, and whether an asset needs no more work."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from .catalogue import RESULTS, Asset
 
 
 class Results:
-    """The results in a folder; the last line of a stream counts. lines: {stream: line of JSON}, as they were at the beginning. A
-    line that was cut short is passed over."""
+    """The results in a folder; the last line of a stream counts.
+
+    lines: {stream: line of JSON}, as at the beginning. A truncated line is ignored.
+    """
 
     def __init__(self, out: Path) -> None:
         self.out, self.path, line = out, out / RESULTS, b"\n"
@@ -29,7 +31,7 @@ class Results:
         self._is_whole = line.endswith(b"\n")
 
     def append(self, row: dict[str, Any]) -> None:
-        """Adds a line, or raises OSError and leaves the file as it was."""
+        """Appends a line, or raises OSError and leaves the file unchanged."""
         line = json_text(row).encode() + b"\n"
         line, number = line if self._is_whole else b"\n" + line, os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         try:
@@ -43,7 +45,8 @@ class Results:
         self._is_whole = True
 
     def finished(self, asset: Asset, words: tuple[str, ...]) -> dict[str, Any] | None:
-        """The line of an asset that is coded already: of the same files, options and version, its stream still as it was."""
+        """The line of an asset that is already encoded from the same files, options and version, if its stream is unchanged; else
+        None."""
         row = json.loads(self.lines.get(asset.out, b"{}"))
         if "stream" not in row or asset.error:
             return None
@@ -59,6 +62,6 @@ class Results:
 
 
 def sha256_of(path: Path) -> str:
-    """Of a file's bytes. Raises OSError."""
+    """SHA-256 of a file's bytes. Raises OSError."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,7 +1,7 @@
-"""Names of the streams of a batch: each its own, and once given kept.
+"""Names of the streams of a batch: unique, and never changed once given.
 
-The rule: chair.glb becomes chair.texf. Where several assets would get one name, each takes its whole name, chair.glb.texf and
-chair.stl.texf. Where these differ in case alone, or come from different folders, six digits of a hash follow, as in
+The rule: chair.glb becomes chair.texf. If several assets would get the same name, each takes its whole name, chair.glb.texf and
+chair.stl.texf. If these differ in case alone, or come from different folders, six digits of a hash follow, as in
 chair.glb~1f3a5c.texf. An asset that has a stream already keeps its name, whatever is added to the catalogue later.
 """
 
@@ -47,7 +47,7 @@ _FORMS: tuple[Callable[[Path], str], ...] = (short_name, _whole_name, _marked_na
 
 
 def given_names(results: Path) -> dict[str, str]:
-    """{asset: name of its stream} of those that a file of results has streams of."""
+    """{asset: name of its stream} of the assets with a stream in a file of results."""
     names: dict[str, str] = {}
     with contextlib.suppress(OSError), open(results, "rb") as file:
         for line in file:
@@ -59,8 +59,11 @@ def given_names(results: Path) -> dict[str, str]:
 
 
 def with_own_names(assets: list[Asset], given: dict[str, str]) -> list[Asset]:
-    """The assets, each with a stream of its own on systems that know no case too; those that no rule tells apart, such as the
-    same file twice, with error TXF-O16. given: of given_names(); names that a manifest chose stay."""
+    """The assets, each with a unique name of its stream, even on systems that ignore letter case.
+
+    Assets that no rule distinguishes, such as the same file twice, get error TXF-O16. given: of given_names(); names that a
+    manifest chose are kept.
+    """
     form = [0] * len(assets)
     for number, asset in enumerate(assets):
         if not asset.is_named and asset.error is None:
@@ -78,7 +81,7 @@ def with_own_names(assets: list[Asset], given: dict[str, str]) -> list[Asset]:
 
 
 def _clashing(assets, form):
-    """Groups of the numbers of assets whose streams would have one name."""
+    """Groups of the numbers of assets whose streams would have the same name."""
     groups: dict[str, list[int]] = {}
     for number, asset in enumerate(assets):
         if asset.error is None:
@@ -87,12 +90,12 @@ def _clashing(assets, form):
 
 
 def _key(name):
-    """Returns a key that names share if a file system ignores letter case and Unicode forms."""
+    """A key that names share if a file system ignores letter case and Unicode forms."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 
 def _out(asset, form):
-    """The name in a form; below 0: one that was given before."""
+    """The stream's name in a form; a form below 0 is the name that was given before."""
     if asset.is_named or asset.error is not None:
         return asset.out
     return _FORMS[form if form >= 0 else -1 - form](Path(asset.name))

@@ -1,4 +1,4 @@
-"""What a batch comes to: bytes in and out, median and worst PSNR, assets with warnings and losses."""
+"""Totals of a batch: bytes in and out, median and worst PSNR, assets with warnings and losses."""
 
 from __future__ import annotations
 
@@ -16,8 +16,11 @@ MEASURES = {"y": "Y", "rgb": "RGB"}  # of an asset's check, and what they are ca
 
 @dataclass
 class Totals:
-    """Of the assets that have streams: bytes of their sources and streams; psnr: by measure, (dB, name of the asset), infinite
-    where it is exact; warned, lossy: assets with warnings, and with properties that are not coded; failed: how many have none."""
+    """Totals of the assets that have streams.
+
+    source_bytes, stream_bytes: sums; psnr: by measure, (dB, name of the asset), infinite if exact; warned, lossy: assets with
+    warnings, and with properties that are not coded; failed: assets without a stream.
+    """
 
     assets: int = 0
     source_bytes: int = 0
@@ -28,7 +31,7 @@ class Totals:
     psnr: dict[str, list[tuple[float, str]]] = field(default_factory=lambda: {name: [] for name in MEASURES})
 
     def add(self, row: dict[str, Any]) -> None:
-        """Takes in a line of results.jsonl."""
+        """Adds a line of results.jsonl."""
         if "error" in row:
             self.failed += 1
             return
@@ -44,7 +47,7 @@ class Totals:
                 self.psnr[name].append((math.inf if check[name] is None else check[name], row["asset"]))
 
     def facts(self) -> dict[str, Any]:
-        """For --json; a PSNR of None is exact."""
+        """Facts for --json; a PSNR of None is exact."""
         return {"assets": self.assets, "failed": self.failed,
                 "source_bytes": self.source_bytes, "stream_bytes": self.stream_bytes,
                 "psnr": {name: self._of_psnr(values) for name, values in self.psnr.items() if values},
@@ -55,11 +58,11 @@ class Totals:
         return {"median": median(value for value, _ in values), "worst": worst, "worst_asset": asset, "assets": len(values)}
 
     def _in_words(self, decibels):
-        """A PSNR; nothing is called exact where assets are as they were read, without their losses."""
+        """A PSNR in words; infinity is not called exact if some assets lost something when they were read."""
         return "as read" if math.isinf(decibels) and self.lossy else in_decibels(None if math.isinf(decibels) else decibels)
 
     def lines(self) -> Iterator[str]:
-        """For people."""
+        """Lines for people."""
         if not self.assets:
             return
         times = f", {self.source_bytes / self.stream_bytes:.3g} times smaller" if self.stream_bytes < self.source_bytes else ""

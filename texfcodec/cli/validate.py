@@ -62,7 +62,7 @@ def _lines(outcome, code):
 
 
 def _line(row):
-    """One finding: what, where, and what to do."""
+    """A finding in one line: the fault, its place, and the remedy."""
     unit = None if row["unit"] is None else f"unit {row['unit']} ({row['unit_name']})"
     byte, clause = ((None if row[name] is None else f"{word} {row[name]}") for name, word in (("offset", "at byte"),
                                                                                              ("clause", "clause")))
@@ -73,7 +73,7 @@ def _line(row):
 
 
 def _names(units):
-    """Units in words, those of one type that follow each other together."""
+    """Units in words; consecutive units of one type are grouped."""
     runs: list[list] = []  # [name, first, last]
     for unit in units:
         if runs and runs[-1][0] == unit["unit_name"] and runs[-1][2] == unit["unit"] - 1:

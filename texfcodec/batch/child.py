@@ -1,9 +1,9 @@
-"""The child's side of children.py: its memory is capped, it ends when its parent does, and it becomes the program it was given.
+"""The child's side of children.py: it caps its memory, ends with its parent, and becomes the given program.
 
     python -m texfcodec.batch.child MEMORY SCRIPT ARGUMENT...
     python -m texfcodec.batch.child MEMORY -m MODULE ARGUMENT...
 
-MEMORY: bytes of data it may hold, 0 for no cap. The parent's end of stdin closes when the parent ends, however it does.
+MEMORY: largest bytes of data, 0 for no cap. The parent's end of stdin closes when the parent ends, in whatever way.
 """
 
 import os
@@ -14,7 +14,7 @@ import threading
 
 
 def end_with_parent() -> None:
-    """From here on this process, and what it has started, is killed when stdin closes."""
+    """Makes this process, and all that it has started, end when stdin closes."""
     threading.Thread(target=_wait_for_the_end, daemon=True).start()
 
 
@@ -26,8 +26,10 @@ def _wait_for_the_end():
 
 
 def cap_data(size: int) -> bool:
-    """Caps the data of this process, which is what it writes to and not what it only reserves, at size bytes; False where the
-    system knows no such cap."""
+    """Caps the data of this process at size bytes; False if the system has no such cap.
+
+    Data is memory that the process writes to, not memory that it only reserves.
+    """
     try:
         import resource
 

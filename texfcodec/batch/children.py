@@ -1,4 +1,4 @@
-"""Child processes that Python runs: started, waited for, capped in time and memory, and all of them stopped at once."""
+"""Child processes that run Python: started, awaited, capped in time and memory, and stopped together."""
 
 import contextlib
 import os
@@ -21,13 +21,16 @@ POLL_SECONDS = 0.25  # how long a child may outlive the wish to stop it
 
 
 class Overdue(Exception):
-    """A child took longer than it may."""
+    """A child exceeded its time."""
 
 
 @dataclass(frozen=True)
 class Caps:
-    """What a child may use. threads: of OpenMP and BLAS; memory: bytes of data, None for no cap; end: time.monotonic() at which
-    it is killed, None for never."""
+    """Limits of a child.
+
+    threads: of OpenMP and BLAS; memory: bytes of data, None for no cap; end: time.monotonic() at which it is killed, None for
+    never.
+    """
 
     threads: int
     memory: int | None = None
@@ -35,7 +38,7 @@ class Caps:
 
 
 class Children:
-    """The processes that are alive. unwanted: asked now and then while one runs; True stops them all."""
+    """The processes that are alive. unwanted: called now and then while one runs; True stops them all."""
 
     def __init__(self, unwanted: Callable[[], bool] = lambda: False) -> None:
         self._lock, self._unwanted = threading.Lock(), unwanted
@@ -82,7 +85,7 @@ class Children:
                 raise Overdue from None
 
     def stop(self) -> None:
-        """Kills them all, with what they have started; none is started any more."""
+        """Kills them all with their own children, and prevents new ones."""
         with self._lock:
             self.stopped = True
             for child in self._alive:
@@ -90,7 +93,7 @@ class Children:
 
 
 class _Group(subprocess.Popen):
-    """A process that leads a group of its own; killed, it takes the group with it."""
+    """A process that leads a group of its own, which is killed with it."""
 
     def hang_up(self) -> None:
         if self.stdin is not None:

@@ -1,12 +1,12 @@
-"""Tasks on a Dask cluster that runs already. The extra `cluster` brings its client.
+"""Tasks on a running Dask cluster. The extra `cluster` installs its client.
 
-The client keeps a window of tasks on the scheduler. A worker that sees the client's room (its PROBE) works in a folder there and
-answers with its name; any other works among its own temporary files and answers with theirs, packed. It likewise asks for the
-asset where it does not see it: its files travel once per asset, as a task of their own, so that a lost worker takes nothing away
-that the scheduler cannot make again. Each attempt has a folder of its own, so that two never meet; only the client renames.
+The client keeps a window of tasks on the scheduler. A worker that sees the client's folder (by its PROBE) works there and answers
+with the folder's name; any other works among its own temporary files and answers with them, packed. Such a worker also requests
+the asset if it does not see it: its files travel once per asset, as a task of their own, so that the scheduler can send them
+again if a worker is lost. Each attempt has a folder of its own, so that no two attempts meet; only the client renames.
 
-A worker that is lost costs the tasks it had begun, which the scheduler gives to others. Where nobody wants a task any more, as
-its client cancelled it or is gone, the worker notices within seconds and kills its processes; they also end with the worker.
+The scheduler gives the tasks of a lost worker to others. If a task is no longer wanted, because its client cancelled it or is
+gone, the worker notices within seconds and kills its processes; they also end with the worker.
 """
 
 from __future__ import annotations
@@ -48,7 +48,10 @@ _warming = threading.Lock()
 
 @dataclass(frozen=True)
 class Answer:
-    """What a worker sends back. worker: its address; folder: name of the folder in the client's room, or files: what it held."""
+    """Answer of a worker.
+
+    worker: its address; folder: name of the folder in the client's room; files: without such a folder, its contents.
+    """
 
     outcome: Outcome
     worker: str
@@ -57,8 +60,11 @@ class Answer:
 
 
 def work(task: Task, size: int, room: str, sent: tuple[str, Packed] | None) -> Answer:
-    """Runs a task on the worker whose thread this is. size: bytes of the asset at the client; room: the client's; sent: the
-    asset's name and the files that it is read from, by their names in one folder, or None."""
+    """Runs a task on the worker of this thread.
+
+    size: bytes of the asset at the client; room: the client's; sent: the asset's name and its files, by their names in one
+    folder, or None.
+    """
     from distributed import get_worker
 
     worker = get_worker()
@@ -96,7 +102,7 @@ def _has(path, size):
 
 
 def _unwanted_task(worker):
-    """A function: whether the task of this thread is wanted no more, or the worker closes."""
+    """Function: whether the task of this thread is no longer wanted, or the worker closes."""
     key = worker.get_current_task()
 
     def unwanted():
@@ -116,7 +122,7 @@ def _own_folder(worker):
 
 
 def _warm_up(children):
-    """Compiles the kernels before the first task of a worker, which would count it."""
+    """Compiles the kernels before a worker's first task, whose time they would count for."""
     from ..precompile import kernels_compiled  # by name only: the worker itself runs no kernel
 
     with _warming:
@@ -154,7 +160,7 @@ def _unpack(folder: Path, files: Packed) -> Path:
 
 
 def same(sent: tuple[str, Packed]) -> tuple[str, Packed]:
-    """What it is given: a task that holds an asset."""
+    """The argument, unchanged: a task that holds an asset."""
     return sent
 
 
@@ -162,9 +168,9 @@ def same(sent: tuple[str, Packed]) -> tuple[str, Packed]:
 
 
 def run_there(tasks: Sequence[Task], address: str, room: Path, ended: Ended, note: Callable[[str], object]) -> None:
-    """As local.run_here, on the cluster at an address such as tcp://HOST:8786. note(text): what a person should know.
+    """As local.run_here, on the cluster at an address such as tcp://HOST:8786. note(text): reports to a person.
 
-    Raises InputError TXF-C05 where the cluster cannot be reached or is lost, TXF-C06 where its client is not installed.
+    Raises InputError TXF-C05 if the cluster cannot be reached or is lost, TXF-C06 if its client is not installed.
     """
     with terminated_as_interrupted(), _connected(address) as client:
         Run(client, address, room, ended, note).run(tasks)
@@ -172,7 +178,7 @@ def run_there(tasks: Sequence[Task], address: str, room: Path, ended: Ended, not
 
 @contextlib.contextmanager
 def _connected(address: str) -> Iterator[Client]:
-    """A client that says nothing on its own."""
+    """A client that prints nothing on its own."""
     import logging
 
     try:
@@ -207,7 +213,7 @@ class Run:
         self.is_idle = False
 
     def run(self, tasks: Sequence[Task]) -> None:
-        """Runs them all; whatever ends this, nothing is left on the cluster."""
+        """Runs all tasks; nothing is left on the cluster, however it ends."""
         todo = list(reversed(tasks))
         try:
             while todo or self.waiting:
@@ -221,7 +227,7 @@ class Run:
                 self.client.cancel([*self.waiting, *self.assets.values()], asynchronous=False)
 
     def _threads(self):
-        """Threads of all workers; notes when there are none. InputError where the scheduler is gone."""
+        """Threads of all workers; notes when there are none. Raises InputError if the scheduler is gone."""
         try:
             threads = sum(self.client.nthreads().values())
         except Exception as error:
@@ -252,7 +258,7 @@ class Run:
         future.add_done_callback(self.over.put)
 
     def _sent(self, path):
-        """The future of an asset's files. LimitError: they are too large."""
+        """The future of an asset's files. Raises LimitError if they are too large."""
         if path not in self.assets:
             named = files_of(path)
             files = {name: file for name, file in named.items() if file.is_file()}
@@ -269,7 +275,7 @@ class Run:
             del self.assets[path]
 
     def _take(self):
-        """Waits a second for a task to end, and hands it over or on."""
+        """Waits up to a second for a task to end, and hands over its result or runs it again."""
         try:
             future = self.over.get(timeout=1)
         except queue.Empty:
@@ -294,7 +300,7 @@ class Run:
         remove_folder(folder)
 
     def _answer(self, future):
-        """The Answer of a future that is done, or the Outcome of one that never got to a worker's side of this file."""
+        """The Answer of a finished future, or the Outcome of one that did not reach work()."""
         try:
             return future.result()
         except Exception as error:
@@ -304,7 +310,7 @@ class Run:
             return Outcome(FAILED, f"no worker could run the task: {type(error).__name__}: {said}")
 
     def _goes_on(self, task, answer):
-        """Whether another attempt makes sense: the asset is sent along, or another worker may suit, or it was interrupted."""
+        """Whether another attempt makes sense: with the asset sent along, on another worker, or after an interruption."""
         state = answer.outcome.state
         if state == BLIND:
             self.blind.add(task.input)
@@ -317,8 +323,10 @@ class Run:
 
 
 def files_of(path: Path) -> dict[str, Path]:
-    """{name from a common folder: path} of the files that an asset is read from, itself first. One that cannot be loaded is
-    alone: the encoder, to which it is sent, says why."""
+    """{name from a common folder: path} of an asset's files, the asset first.
+
+    An asset that cannot be loaded is alone: the encoder reports the error.
+    """
     from ..io.load import load
 
     try:

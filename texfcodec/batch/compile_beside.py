@@ -1,4 +1,4 @@
-"""Kernels of a first run, compiled by a second process beside it."""
+"""Compilation of a first run's kernels by a second process beside it."""
 
 import subprocess
 from contextlib import suppress
@@ -10,9 +10,11 @@ from .children import Caps, Children
 
 
 def compile_beside(threads: int, *stages: str) -> None:
-    """Has another process compile what a first run needs later on, while this one loads, works and compiles what it needs first;
-    what one of them has compiled the other loads. threads: that may run at once; nothing is done for one; stages: of
-    precompile.STAGES, whose kernels are looked for in the cache first. The process ends with this one, if not before."""
+    """Starts a process that compiles the later kernels of a first run, while this one loads, works and compiles the first ones.
+
+    Each process loads what the other has compiled. threads: most at once; with a single thread nothing is started; stages: of
+    precompile.STAGES, whose kernels are first looked for in the cache. The process ends at the latest with this one.
+    """
     missing = [stage for stage in stages if not kernels_compiled(STAGES[stage].entries)]
     if missing and min(threads, default_threads()) > 1:
         Thread(target=_compile, args=missing, daemon=True).start()

@@ -1,4 +1,4 @@
-"""The folder in which attempts are made, inside the one for results: one run at a time, and nothing of it stays behind."""
+"""The folder of attempts, inside the folder for results: for one run at a time, and removed at its end."""
 
 import os
 import shutil
@@ -14,8 +14,10 @@ WORK, LOCK, PROBE = ".texf-work", ".texf-lock", "probe"  # the first two are nob
 
 @contextmanager
 def only_run(out: Path) -> Iterator[None]:
-    """Makes the folder for results, and keeps others out of it; the system drops the lock with its process. Raises InputError
-    TXF-O17 where another run is at work there, TXF-O01 to O04 where there can be no such folder."""
+    """Makes the folder for results, and locks it against other runs; the system drops the lock with its process.
+
+    Raises InputError TXF-O17 if another run is at work there, TXF-O01 to O04 if there can be no such folder.
+    """
     from ..io.output_files import as_input_error
 
     try:
@@ -37,8 +39,10 @@ def only_run(out: Path) -> Iterator[None]:
 
 @contextmanager
 def work_room(out: Path) -> Iterator[Path]:
-    """A new folder below a folder that only_run() holds, on the same file system. PROBE in it holds its name, by which others
-    know that they see the same folder. What killed runs have left goes first."""
+    """A new folder below a folder that only_run() holds, on the same file system.
+
+    PROBE in it holds its name, by which workers recognise the same folder. Folders that killed runs have left are removed first.
+    """
     shutil.rmtree(out / WORK, ignore_errors=True)
     name = os.urandom(8).hex()
     room = out.resolve() / WORK / name

@@ -1,4 +1,4 @@
-"""Tasks on this machine: some at a time, each in processes of its own."""
+"""Tasks on this machine, several at a time, each in processes of its own."""
 
 import signal
 import threading
@@ -15,8 +15,11 @@ Ended = Callable[[Task, Outcome, Path], object]
 
 
 def run_here(tasks: Sequence[Task], workers: int, room: Path, ended: Ended) -> None:
-    """Runs tasks, `workers` at a time, in folders of room. ended(task, outcome, folder) is called for each, in this thread; what
-    it leaves of the folder is removed. A full disk stops the rest, and their outcome says so; Ctrl-C and SIGTERM stop all."""
+    """Runs tasks, `workers` at a time, in folders of room.
+
+    ended(task, outcome, folder) is called for each, in this thread; the rest of the folder is then removed. A full disk stops the
+    other tasks, and their outcome reports it; Ctrl-C and SIGTERM stop all.
+    """
     children, full = Children(), threading.Event()
 
     def run_task(number, task):
@@ -47,7 +50,7 @@ def run_here(tasks: Sequence[Task], workers: int, room: Path, ended: Ended) -> N
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """SIGTERM raises KeyboardInterrupt inside."""
+    """Context manager: SIGTERM raises KeyboardInterrupt."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""How far many tasks are: a bar with the time left where stderr is a terminal, else a line for each."""
+"""Progress of many tasks: a bar with the time left if stderr is a terminal, else a line for each."""
 
 import itertools
 import sys
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress(total: int) -> Iterator[Callable[[str, str, bool], None]]:
-    """Gives show(name, line, is_bad), to be called as each of `total` tasks ends; beside a bar only bad ones get their line."""
+    """Gives show(name, line, is_bad), to be called as each of `total` tasks ends; beside a bar only bad ones get a line."""
     ended = itertools.count(1)
     if not sys.stderr.isatty():
         yield lambda name, line, is_bad: print(f"[{next(ended)}/{total}] {line}", file=sys.stderr, flush=True)

@@ -1,7 +1,7 @@
-"""A task: commands that run one after the other in a folder of their own, and what came of them.
+"""A task: commands that run one after the other in a folder of their own, and their outcome.
 
-Tasks and outcomes travel to workers and back, so they hold nothing but numbers, texts and paths. Whoever runs a task makes a new
-folder for each attempt; the folder becomes a result only when the one who asked has renamed it, or what is in it.
+Tasks and outcomes travel to workers and back, so they hold nothing but numbers, texts and paths. Each attempt has a new folder,
+which whoever runs the task makes; the folder becomes a result only when the client has renamed it, or its files.
 """
 
 import errno
@@ -22,11 +22,14 @@ _FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """name: for people, unlike those of other tasks. commands: [(step, words for Python)], where {root}, {folder}, {input} and
-    {threads} stand for where the code is, the folder of the attempt, the asset and a number. input: the asset; files: {name:
-    text} that the folder holds to begin with; out: the file that gets stdout, LOG unless it is named; enough: a file that makes
-    the commands after it needless; unsuited: the exit code by which a command says that it is not at its place here; package:
-    package_code() of who asks; threads, memory, seconds: caps, the last for all commands together."""
+    """Commands and their limits.
+
+    name: for people, unique. commands: [(step, words for Python)], with {root}, {folder}, {input} and {threads} for the folder of
+    the code, the folder of the attempt, the asset and a number. input: the asset; files: {name: text} that the folder holds at
+    first; out: the file that gets stdout, LOG by default; enough: a file that makes the commands after it needless; unsuited: the
+    exit code of a command that cannot run here; package: package_code() of the client; threads, memory, seconds: caps, seconds
+    for all commands together.
+    """
 
     name: str
     commands: tuple[tuple[str, tuple[str, ...]], ...]
@@ -43,14 +46,14 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """state: one of DONE, FAILED, ...; reason: a sentence, "" where all is well."""
+    """state: one of DONE, FAILED, ...; reason: a sentence, "" without a fault."""
 
     state: str
     reason: str = ""
 
 
 def perform(task: Task, folder: Path, children: Children) -> Outcome:
-    """Runs the commands of a task in a folder that is not there yet; what they leave, LOG among it, stays there."""
+    """Runs the commands of a task in a new folder; their files, LOG among them, stay there."""
     try:
         folder.mkdir()
         for name, text in task.files.items():
@@ -102,7 +105,7 @@ def last_line(path: Path) -> str:
 
 
 def is_full(error: BaseException) -> bool:
-    """Whether an error says that the disk, or what the user may have of it, is full."""
+    """Whether an error reports a full disk or an exceeded quota."""
     return isinstance(error, OSError) and error.errno in _FULL
 
 

@@ -1,4 +1,4 @@
-"""The main job on the bundled sample: encode at three settings, decode to GLB, show a table. `make demo` runs this.
+"""The main job on the bundled sample: encode at three settings, decode to GLB, print a table. `make demo` runs this.
 
 The settings: few voxels, as in the paper, and two rates with the encoder's own choice of texels and voxels.
 
@@ -15,7 +15,7 @@ STAGES = ("load", "supports", "partition", "geometry", "voxelise", "texels", "tr
 
 
 def main(folder: str | PathLike = "out") -> None:
-    """Writes the sample, three streams and three decoded GLBs into folder and prints what each took."""
+    """Writes the sample, three streams and three decoded GLBs into folder and prints the cost of each."""
     from rich.console import Console
 
     from ..batch.compile_beside import compile_beside
@@ -43,7 +43,7 @@ def main(folder: str | PathLike = "out") -> None:
 
 
 def _one_rate(source, stream, point):
-    """Encodes, measures, decodes and saves beside the stream; a dict of what it took."""
+    """Encodes, measures, decodes and saves beside the stream; returns the result and the seconds."""
     from .. import EncodeOptions, Report, decode, encode_to_result
 
     options, coding, decoding = EncodeOptions(**point, measure=True), Report(), Report()
@@ -85,7 +85,7 @@ def _table(rows):
 
 
 def _head(encoded):
-    """What the columns differ in: QP, and K where anything is over voxels."""
+    """Heading of a column: QP, and K if anything is over voxels."""
     grid = [f"K {encoded.resolution}"] * (encoded.counts["voxels"] > 0) + ["texels"] * (encoded.counts["texels"] > 0)
     return f"{' + '.join(grid)}\nQP {encoded.qp}"
 

@@ -1,8 +1,8 @@
-"""The bundled sample: a fluted vase on a plinth, its neck wound by a torus knot, made by code and textured with photographs.
+"""The bundled sample: a fluted vase on a plinth, its neck wound by a torus knot, built by code and textured with photographs.
 
-The photographs ship inside the scikit-image wheel (extra texfcodec[demo]; nothing is fetched); all of them are in the public
-domain or CC0. Between them the parts show what a loader has to get right: wrap modes repeat, mirror and clamp, UVs outside
-[0, 1], a texture with a factor, a factor alone, vertex colours, and surfaces that nearly touch.
+The photographs are in the scikit-image wheel (extra texfcodec[demo]; nothing is fetched); all of them are in the public domain or
+CC0. The parts cover the difficulties of a loader: wrap modes repeat, mirror and clamp, UVs outside [0, 1], a texture with a
+factor, a factor alone, vertex colours, and surfaces that nearly touch.
 
     python -m texfcodec.demo.asset OUT.glb
 """
@@ -123,7 +123,7 @@ def _angles(count):
 
 
 def _smooth(control, count):
-    """count points at even steps of arc length on a curve without overshoot through the control points."""
+    """`count` points at even steps of arc length on a curve without overshoot through the control points."""
     control = np.array(control)
     knots = np.cumsum(np.r_[0, np.hypot(*np.diff(control, axis=0).T)])
     fine = Pchip(knots, control)(np.linspace(0, knots[-1], 2000))
@@ -133,7 +133,7 @@ def _smooth(control, count):
 
 
 def _revolve(profile, shape):
-    """profile [R, 2] of (radius, height), shape [R, C] a factor on the radius -> points [R, C, 3]."""
+    """Points [R, C, 3] of a surface of revolution. profile: [R, 2] of (radius, height); shape: [R, C] factors on the radius."""
     angle = _angles(shape.shape[1])
     radius = profile[:, :1] * shape
     return np.stack([radius * np.cos(angle), np.broadcast_to(profile[:, 1:], shape.shape), radius * np.sin(angle)], axis=2)
@@ -171,13 +171,13 @@ def _sheet(points, uv, row_material):
 
 
 def _rainbow(points):
-    """Linear RGB from direction and height, so that it runs smoothly over each foot."""
+    """Linear RGB of direction and height, continuous over each foot."""
     turn = np.arctan2(points[..., 2], points[..., 0]) + 90 * points[..., 1]
     return 0.5 + 0.45 * np.cos(turn[..., None] - np.array([0, 2, 4]) * (np.pi / 3))
 
 
 def _as_float32(values):
-    """Rounded to 1e-6, which hides in what a machine's sine differs from another's, then to float32."""
+    """Values rounded to 1e-6, which hides differences between machines' sines, then to float32."""
     return np.round(values, 6).astype(np.float32).astype(np.float64)
 
 
@@ -204,7 +204,8 @@ def write_sample(path: str | PathLike) -> None:
 
 
 def write_or_explain(path: str | PathLike) -> None:
-    """write_sample() for a command line: without scikit-image one line on stderr, and the exit code of what is not supported."""
+    """write_sample() for a command line: without scikit-image it prints one line on stderr and exits with the code for missing
+    support."""
     try:
         write_sample(path)
     except ImportError as error:
@@ -213,7 +214,7 @@ def write_or_explain(path: str | PathLike) -> None:
 
 
 class _Glb:
-    """A GLB of an opaque Scene with one primitive per material. Only what the sample needs; io/gltf/writer.py is the writer."""
+    """A GLB of an opaque Scene with one primitive per material, for the sample only; io/gltf/writer.py is the general writer."""
 
     _COMPONENT = {"f": (5126, "<f4"), "u": (5125, "<u4")}
     _WRAP = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}

@@ -29,7 +29,7 @@ POSITIONS, UVS, FACES, KEYS, VALUES, SHARP_EDGES, CODED_NORMALS = 2, 3, 4, 6, 7,
 
 
 class Answer(Protocol):
-    """What a sandbox has decoded."""
+    """Decoded arrays of a sandbox."""
 
     def array(self, kind: int, i: int = 0, j: int = 0, dtype: str = "u1") -> np.ndarray:
         """A copy of an array of native/texf.h, one-dimensional; empty if there is none. Raises ValueError for another dtype."""
@@ -38,7 +38,7 @@ class Answer(Protocol):
 def texf_of(stream: Stream, answer: Answer, options: DecodeOptions, report: Report, packed: tuple[dict, dict] = ({}, {})) -> Texf:
     """The Texf of a stream and of the arrays decoded from it.
 
-    packed: for a joint codec, what its pack() made of the evaluators. Raises StreamError TXF-S40 for an answer that cannot be.
+    packed: for a joint codec, the result of its pack() for the evaluators. Raises StreamError TXF-S40 for an impossible answer.
     """
     texf = appearance_of(stream, options, report)
     try:
@@ -69,7 +69,7 @@ def _unit(values, answer, i):
 
 
 def _support(values, keys, lod):
-    """The support at a level of detail whose keys these are. values: of the field unit."""
+    """The support of a field at a level of detail. values: of the field unit; keys: at that level."""
     if values["support"] == SUPPORT_TEXELS:
         whole = TexelSupport(keys=keys, width=values["width"], height=values["height"], wrap=(values["wrap_s"], values["wrap_t"]),
                              fraction_bits=values["uv_fraction_bits"])
@@ -83,7 +83,7 @@ def _plane(answer, i, j, group):
 
 
 def _add_joint(texf, values, answer, packed):
-    """Adds the evaluators of a joint codec, and the planes that hold what they answer at the voxels."""
+    """Adds the evaluators of a joint codec, and the planes with their values at the voxels."""
     texf.codec = joint_codec_of_unit(values)
     for i, part in enumerate(texf.fields):
         for j, group in enumerate(texf.groups):
@@ -95,7 +95,7 @@ def _add_joint(texf, values, answer, packed):
 
 
 def _is_sound(texf):
-    """Whether no index leaves its array, and every array is as long as what it belongs to."""
+    """Whether every index is inside its array, and every array has the length of its counterpart."""
     sound = all(_field_is_sound(part, texf.channels) for part in texf.fields) and all(_unit_is_sound(u, texf) for u in texf.units)
     if sound and texf.sharp_edges is not None:
         marked = np.array([m.normals.has_marks for m in texf.materials], bool)[texf.face_material]

@@ -1,4 +1,4 @@
-"""Which of the decoders decodes a stream: kernels in this process or a child's, or the WebAssembly sandbox."""
+"""Choice of the decoder for a stream: kernels in this process or a child's, or the WebAssembly sandbox."""
 
 from __future__ import annotations
 
@@ -21,8 +21,10 @@ ENTRIES = ("field/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual
 
 
 def decode_by_engine(data: bytes, options: DecodeOptions, report: Report) -> Texf:
-    """decode() of api.py, its options complete. Raises what the engines raise, and TXF-U10 where the sandbox was requested and
-    cannot decode the stream."""
+    """decode() of api.py, with complete options.
+
+    Raises the errors of the engines, and TXF-U10 if the sandbox was requested and cannot decode the stream.
+    """
     requested, sandboxed = options.engine == "wasm", takes_sandbox(options)
     if requested and not sandboxed:
         raise SupportError("TXF-U10", "the sandbox requires wasmtime, which is not installed: run pip install wasmtime")
@@ -48,14 +50,14 @@ def decode_by_engine(data: bytes, options: DecodeOptions, report: Report) -> Tex
 
 
 def takes_sandbox(options: DecodeOptions) -> bool:
-    """Whether a stream goes to the WebAssembly sandbox first: auto does with isolate, and as long as kernels are not compiled."""
+    """Whether the WebAssembly sandbox is tried first: with auto under isolate, and until kernels are compiled."""
     from .wasm import is_here
 
     return is_here() and (options.engine == "wasm" or (options.engine == "auto" and (options.isolate or not kernels_compiled())))
 
 
 def _decode_in_sandbox(data, stream, options, report):
-    """The Texf; None where auto leaves a stream that needs too much memory to another engine."""
+    """The Texf; None if auto leaves a stream that needs too much memory to another engine."""
     from .wasm import decode_in_wasm
 
     try:
@@ -67,8 +69,10 @@ def _decode_in_sandbox(data, stream, options, report):
 
 
 def kernels_compiled(entries: tuple[str, ...] = ENTRIES) -> bool:
-    """Whether the cache holds kernels of every one of these files of the package as it stands, for this interpreter; without the
-    JIT, as tests and coverage run, there is nothing to compile."""
+    """Whether the cache holds kernels of all of these files of the current package, for this interpreter.
+
+    Without the JIT, as in tests and for coverage, there is nothing to compile.
+    """
     if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         return True
     tag = f"py{sys.version_info.major}{sys.version_info.minor}"

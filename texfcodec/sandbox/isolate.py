@@ -29,11 +29,11 @@ ANSWER = "answer.npz"
 
 
 def decode_isolated(data: bytes, stream: Stream, options: DecodeOptions, report: Report) -> Texf:
-    """As decode(), in a child process capped by limits.isolate_bytes (of address space beyond what the idle decoder has) and
+    """As decode(), in a child process capped by limits.isolate_bytes (of address space beyond the idle decoder's) and
     limits.isolate_seconds.
 
-    data: bytes; stream: what read_stream() makes of them; report: Report, which gets the child's seconds and peak memory. Where
-    the system has no cap on memory, a warning says so. Raises what decode() raises, and TXF-S40, TXF-L07, TXF-L08, TXF-L15.
+    data: bytes; stream: of read_stream(); report: gets the child's seconds and peak memory, and a warning if the system has no
+    cap on memory. Raises the errors of decode(), and TXF-S40, TXF-L07, TXF-L08, TXF-L15.
     """
     with child_folder() as folder, report.stage("isolate"):
         facts, arrays = _run_child(data, options, folder)
@@ -62,7 +62,7 @@ def _name(kind, i=0, j=0):
 
 
 def _run_child(data, options, folder):
-    """Starts the child, waits, and returns its answer (facts, arrays), or raises what became of it."""
+    """Starts the child, waits, and returns its answer (facts, arrays), or raises its error."""
     child = run_child("texfcodec.sandbox.isolate", data, asdict(options), options.limits, folder)
     try:
         facts = read_facts(folder)
@@ -108,7 +108,7 @@ def _child(folder, request):
 
 
 def packed_answer(texf: Texf) -> tuple[dict, dict]:
-    """What texf_of() makes the Texf of again: (facts of a joint codec's evaluators, arrays)."""
+    """(facts of a joint codec's evaluators, arrays), from which texf_of() rebuilds the Texf."""
     arrays: dict = {}
     for i, unit in enumerate(texf.units):
         arrays |= {_name(POSITIONS, i): unit.lattice.astype("<u4"), _name(FACES, i): unit.faces.astype("<u4")}

@@ -33,7 +33,7 @@ _NO_MEMORY = ("bad_alloc", "allocat", "failed to map", "out of memory", "memorye
 
 @contextmanager
 def child_folder() -> Iterator[Path]:
-    """A temporary folder for what a child answers. Raises LimitError TXF-L15 where the system has none, or starts no child."""
+    """A temporary folder for a child's answer. Raises LimitError TXF-L15 if the system has none, or starts no child."""
     try:
         with cleanup.Folder("texf-") as folder:
             yield Path(folder)
@@ -42,8 +42,11 @@ def child_folder() -> Iterator[Path]:
 
 
 def run_child(module: str, data: bytes, request: dict, limits: Limits, folder: Path) -> subprocess.CompletedProcess:
-    """Runs a module of the package in a process that gets data on stdin, a folder for its answer and a JSON-ready request as
-    arguments, and waits for its end. Raises LimitError where that takes too long."""
+    """Runs a module of the package in a process and waits for its end.
+
+    The process gets data on stdin, and as arguments a folder for its answer and a JSON-ready request. Raises LimitError if it
+    takes too long.
+    """
     package = str(Path(__file__).parent.parent)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))}
     environment |= {"MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each takes address space
@@ -62,7 +65,7 @@ def read_facts(folder: Path) -> dict:
 
 
 def crash_of(child: subprocess.CompletedProcess, limits: Limits) -> TexfError:
-    """What became of a child that left no answer."""
+    """The error for a child that left no answer."""
     said = child.stderr.decode("utf-8", "replace")[-2000:].lower()
     if any(word in said for word in _NO_MEMORY) or child.returncode == -9:  # SIGKILL: the system ran short
         return memory_error(limits)
@@ -70,7 +73,7 @@ def crash_of(child: subprocess.CompletedProcess, limits: Limits) -> TexfError:
 
 
 def memory_error(limits: Limits) -> LimitError:
-    """The child may not have as much memory as it needs."""
+    """The error for a child that needs more memory than it may have."""
     return LimitError("TXF-L07", "decoding needs more memory than the limit allows", allowed=limits.isolate_bytes)
 
 
@@ -78,11 +81,11 @@ Result = TypeVar("Result")
 
 
 def within_cap(limits: Limits, work: Callable[[], Result]) -> tuple[Result, bool]:
-    """What work() gives, done with this process's memory capped by limits.isolate_bytes, and whether it could be capped.
+    """(result of work(), whether memory could be capped), with this process's memory capped by limits.isolate_bytes.
 
-    Native code without memory may crash instead of saying so. So what is not the work's own is there before the cap: a stack that
-    need not grow, Draco, the buffers of matrix products, what numba loads at its first call; the caller imports its modules.
-    Raises what work() raises; LimitError TXF-L07 where memory is behind it.
+    Native code without memory may crash instead of raising an error. So everything but the work itself is loaded before the cap:
+    a stack that need not grow, Draco, the buffers of matrix products, the parts that numba loads at its first call; the caller
+    imports its modules. Raises the errors of work(); LimitError TXF-L07 if memory is the cause.
     """
     if limits.isolate_bytes is not None and limits.isolate_bytes < LEAST_BYTES:
         raise memory_error(limits)
@@ -109,7 +112,7 @@ def _capped(limits, work):
 
 
 def cap_memory(size: int | None) -> bool:
-    """Caps this process's address space at what it has now plus size bytes; False where the system cannot."""
+    """Caps this process's address space at its present size plus size bytes; False if the system cannot."""
     try:
         import resource
 
@@ -124,7 +127,7 @@ def cap_memory(size: int | None) -> bool:
 
 
 def is_memory(error: BaseException | None) -> bool:
-    """Whether running out of memory is behind an error, which libraries wrap in their own."""
+    """Whether lack of memory is the cause of an error, which libraries wrap in their own."""
     while error is not None:
         if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
             return True

@@ -1,6 +1,7 @@
-"""Decoding in a WebAssembly sandbox: the C++ decoder of native/, with capped memory and time, no child and no kernels to compile.
+"""Decoding in a WebAssembly sandbox: the C++ decoder of native/, with capped memory and time, without a child or kernels to
+compile.
 
-Draco, supports and values (steps 6 and 7 of 9.2) are the sandbox's; answer.py checks what comes back.
+The sandbox decodes Draco, supports and values (steps 6 and 7 of 9.2); answer.py checks its arrays.
 """
 
 from __future__ import annotations
@@ -35,19 +36,19 @@ LIMITS = ("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "lat
 
 
 def can_decode(stream: Stream) -> bool:
-    """Whether the sandbox has the stream's codecs: no private ones, and none that answers points."""
+    """Whether the sandbox has the stream's codecs: no private codecs, and none that evaluates points."""
     return stream.joint is None and all(values["codec_id"] in KNOWN for values in stream.attributes)
 
 
 def is_here() -> bool:
-    """Whether wasmtime is installed; there are systems that it is not made for."""
+    """Whether wasmtime is installed; it is not available for all systems."""
     return importlib.util.find_spec("wasmtime") is not None
 
 
 def decode_in_wasm(data: bytes, stream: Stream, options: DecodeOptions, report: Report) -> Texf:
     """As decode(), in a sandbox; with options.isolate it is capped by limits.isolate_bytes and limits.isolate_seconds.
 
-    data: bytes; stream: what read_stream() makes of them. Raises what decode() raises, and TXF-S40, TXF-L07, TXF-L08.
+    data: bytes; stream: of read_stream(). Raises the errors of decode(), and TXF-S40, TXF-L07, TXF-L08.
     """
     limits = options.limits if options.isolate else replace(options.limits, isolate_bytes=None, isolate_seconds=None)
     with report.stage("sandbox"):
@@ -84,7 +85,7 @@ class Sandbox:
         self._call("_initialize")
 
     def decode(self, data: bytes, lod: int) -> None:
-        """Raises StreamError or LimitError."""
+        """Decodes the stream. Raises StreamError or LimitError."""
         values = [getattr(self.limits, name) or 0 for name in LIMITS]
         self.memory.write(self.store, struct.pack(f"<{len(values)}Q", *values), self._call("limits"))
         place = self._call("allocate", len(data) or 1)
@@ -104,8 +105,7 @@ class Sandbox:
         return 0
 
     def _call(self, name, *arguments):
-        """Calls an export; a stop of the program is the error that it says. A thread does the work, so that an interrupt can stop
-        it."""
+        """Calls an export and raises its error if the program stops. A thread does the work, so that an interrupt can stop it."""
         import wasmtime
 
         def work():
@@ -170,7 +170,7 @@ def _engine():
 
 @lru_cache(maxsize=1)
 def _compiled():
-    """The module for this machine, half a second's work, once in a process."""
+    """The module compiled for this machine, which takes half a second, once in a process."""
     import wasmtime
 
     return bytes(wasmtime.Module(_engine(), MODULE.read_bytes()).serialize())

@@ -1,1 +1,1 @@
-"""Everything that is wrong or odd in a stream, in one go (validate.py); the decoder stops at the first error."""
+"""All errors and oddities of a stream in one pass (validate.py); the decoder stops at the first error."""

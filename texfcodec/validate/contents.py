@@ -1,4 +1,4 @@
-"""Steps 6 and 7 of clause 9.2 over a whole stream: geometry, sharp edges, fields and their values, each by itself."""
+"""Steps 6 and 7 of clause 9.2 over a whole stream: geometry, sharp edges, fields and their values, each independently."""
 
 from __future__ import annotations
 
@@ -30,13 +30,14 @@ from .syntax_check import STAND_IN, Parsed
 
 
 def decode_contents(parsed: Parsed, options: DecodeOptions, report: Report) -> None:
-    """Decodes what can be, and adds to the listing and to what is checked. report: gets seconds by stage."""
+    """Decodes all that can be decoded, and adds findings to the listing and units to the checked ones. report: gets seconds by
+    stage."""
     if parsed.stream.header:
         _Contents(parsed, options, report).decode()
 
 
 class _Contents:
-    """units: decoded geometry units, None for those that are not to be had."""
+    """Decoding of one stream. units: geometry units, None for those that cannot be decoded."""
 
     def __init__(self, parsed, options, report):
         self.parsed, self.options, self.report = parsed, options, report
@@ -45,7 +46,7 @@ class _Contents:
         self.units = []
 
     def decode(self):
-        """All of it, in the decoder's order."""
+        """Decodes everything in the decoder's order."""
         with self.report.stage("geometry"):
             for index, values in enumerate(self.stream.geometry):
                 self.units.append(self._decode_geometry(values, self.parsed.numbers[UNIT_GEOMETRY][index]))
@@ -67,7 +68,7 @@ class _Contents:
                 self._decode_planes(index, support)
 
     def _try(self, number, decode):
-        """What decode() returns, None where it raises an error, which is added."""
+        """The result of decode(), or None after adding its error to the listing."""
         try:
             return decode()
         except TexfError as error:
@@ -104,7 +105,7 @@ class _Contents:
             self._try(number, lambda: decode_coded_normals(self.stream.coded_normals, texf))
 
     def _surfaces(self):
-        """The surface of every field, None where some of it is not to be had; none at all where they are too many samples."""
+        """The surface of every field, None if a part of it is missing; [] if a unit is lost or there are too many samples."""
         parts, fields = self.stream.geometry, self.stream.fields
         if not (self.parsed.has_all(UNIT_FIELD) and self.parsed.has_all(UNIT_GEOMETRY)):
             return []
@@ -137,7 +138,7 @@ class _Contents:
         return support
 
     def _decode_planes(self, index, support):
-        """The attribute units of a field, those that do not belong there left out: that they are there is an error already."""
+        """Decodes the attribute units of a field, except misplaced ones, which are an error already."""
         materials = self.parsed.has_all(UNIT_MATERIALS)
         left = set(needed_groups(self.stream)[index] if materials else range(len(self.stream.header["channel_groups"])))
         for values, number in zip(self.stream.attributes, self.parsed.numbers[UNIT_ATTRIBUTE], strict=True):
@@ -163,7 +164,7 @@ class _Contents:
         self._note(oddities.of_attribute(values, len(support), self.stream), number)
 
     def _decode_jointly(self, surfaces):
-        """One unit of all fields: what it asks of the geometry, then every support, then the values of all fields together."""
+        """Decodes the single unit of all fields: its requirements on the geometry, then every support, then all values."""
         values, number = self.stream.attributes[0], self.parsed.numbers[UNIT_ATTRIBUTE][0]
         groups, codec = groups_of(self.stream.header["channel_groups"]), joint_codec_of_unit(values)
         evaluators = None

@@ -1,4 +1,4 @@
-"""The units of a stream as far as their lengths reach, whatever is wrong with them (spec 9.2, steps 1 to 3)."""
+"""The units of a stream as far as their lengths can be followed, whatever errors they contain (spec 9.2, steps 1 to 3)."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ MOST_WRONG = 8  # units one after the other with wrong checksums: then lengths a
 
 
 class Frames(NamedTuple):
-    """units: in the order of the stream, those that nobody knows included; wrong: numbers of those whose checksum is; whole:
-    whether they reach to the end unit; out_of_place: numbers of those that are there twice, or critical and of no known type;
-    in_order: whether the others stand as they should."""
+    """Units of a stream.
+
+    units: in the order of the stream, unknown ones included; wrong: numbers of those with a wrong checksum; whole: whether they
+    reach to the end unit; out_of_place: numbers of duplicates and of unknown critical units; in_order: whether the others are in
+    the required order.
+    """
 
     units: list[Unit]
     wrong: set[int]
@@ -26,7 +29,7 @@ class Frames(NamedTuple):
 
 
 def read_frames(data: bytes, max_file_bytes: int | None, listing: Listing) -> Frames | None:
-    """Frames of a stream; None where nothing behind its first bytes can be judged. Adds to listing."""
+    """Frames of a stream; None if the stream cannot be judged beyond its first bytes. Adds findings to listing."""
     try:
         check_start(data, max_file_bytes)
     except TexfError as error:
@@ -47,8 +50,10 @@ def read_frames(data: bytes, max_file_bytes: int | None, listing: Listing) -> Fr
 
 
 def _walk(view):
-    """(units, numbers of those with a wrong checksum, the error that ended it or None). Of units with wrong checksums behind
-    which no right one follows, only the first is believed: its length led to the others."""
+    """(units, numbers of those with a wrong checksum, the error that ended the walk or None).
+
+    If the last units all have wrong checksums, only the first of them is kept: its length led to the others.
+    """
     units: list[Unit] = []
     wrong: set[int] = set()
     cut: StreamError | LimitError | None = None
@@ -76,7 +81,7 @@ def _walk(view):
 
 
 def _judge(units, wrong, length, listing):
-    """Adds what is wrong with checksums, places and the end unit. Returns out_of_place and in_order of Frames."""
+    """Adds errors of checksums, places and the end unit to listing. Returns out_of_place and in_order of Frames."""
     seen: set[int] = set()
     out_of_place: set[int] = set()
     in_order = True

@@ -1,4 +1,4 @@
-"""What is found in a stream: rows by severity, few of each code in full, all of them counted."""
+"""Findings about a stream: rows by severity, a few of each code in full, all of them counted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WORST_FIRST = (EXIT_STREAM, EXIT_SUPPORT, EXIT_LIMIT)
 
 @dataclass(frozen=True)
 class Oddity:
-    """Something about a stream that is no error. code: of findings.py; the rest as the details of a TexfError."""
+    """A finding that is not an error. code: of findings.py; the rest: as the details of a TexfError."""
 
     code: str
     message: str
@@ -30,7 +30,7 @@ class Oddity:
 
 
 class Listing:
-    """What has been found so far. units: those of the stream, whose numbers rows give."""
+    """Findings so far. units: those of the stream, whose numbers the rows contain."""
 
     def __init__(self, units: Sequence[Unit] = ()) -> None:
         self.units = units
@@ -39,12 +39,12 @@ class Listing:
         self.blamed: set[int] = set()  # numbers of units with an error
 
     def error(self, error: TexfError, number: int | None = None) -> None:
-        """Adds an error. number: of the unit that it was found in."""
+        """Adds an error. number: of its unit."""
         self.blamed |= set() if number is None else {number}
         self._add(error.code, error.message, error.details, number)
 
     def oddity(self, oddity: Oddity, number: int | None = None) -> None:
-        """Adds something that is no error. number: of the unit that it was found in."""
+        """Adds an oddity. number: of its unit."""
         self._add(oddity.code, oddity.message, vars(oddity), number)
 
     def _add(self, code, message, details, number):
@@ -63,7 +63,7 @@ class Listing:
             "remedy": row.remedy})
 
     def _unit_at(self, offset):
-        """Number of the unit that an offset is in, None where it is in none that is whole."""
+        """Number of the whole unit that contains an offset, or None."""
         return next((n for n, u in enumerate(self.units) if offset is not None and u.start <= offset < u.stop), None)
 
     @property
@@ -73,7 +73,7 @@ class Listing:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many there are of each severity, those included that are not in findings."""
+        """Number of findings of each severity, including those that are left out of findings()."""
         total = dict.fromkeys(SEVERITIES, 0)
         for code, count in self.of_code.items():
             total[BY_CODE[code].severity] += count
@@ -81,18 +81,18 @@ class Listing:
 
     @property
     def left_out(self) -> dict[str, int]:
-        """How many are not in findings, by code."""
+        """Number of findings by code that are left out of findings()."""
         return {code: count - MOST_OF_A_CODE for code, count in self.of_code.items() if count > MOST_OF_A_CODE}
 
     def exit_code(self, strict: bool = False) -> int:
-        """That of the worst finding. strict: whether warnings count."""
+        """Exit code of the worst finding. strict: whether warnings count."""
         codes = {BY_CODE[code].exit_code for code in self.of_code if BY_CODE[code].severity == ERROR}
         worst = next((code for code in WORST_FIRST if code in codes), EXIT_OK)
         return EXIT_DIFFERS if worst == EXIT_OK and strict and self.rows[WARNING] else worst
 
 
 def _plain(value):
-    """A value as JSON holds it, cut short where it is long."""
+    """A value for JSON, truncated if it is long."""
     if value is None or isinstance(value, bool | int | str) and len(str(value)) <= MOST_LETTERS:
         return value
     if isinstance(value, float):

@@ -1,4 +1,4 @@
-"""What is odd about decoded geometry, and about the Draco data that it came from."""
+"""Oddities of decoded geometry, and of its Draco data."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AXIS_BITS = 20  # of a packed coordinate
 
 
 def of_draco(values: dict, position_bits: int) -> Iterator[Oddity]:
-    """Of a geometry unit's syntax values that decode."""
+    """Oddities of a geometry unit's syntax values, which decode without error."""
     length = len(values["draco_data"])
     end = draco_end(values, position_bits)
     if end < length:
@@ -25,8 +25,11 @@ def of_draco(values: dict, position_bits: int) -> Iterator[Oddity]:
 
 
 def draco_end(values: dict, position_bits: int) -> int:
-    """How many bytes of a unit's Draco data are needed for the same faces. Draco does not say where it stops, so shorter data are
-    tried: one byte less, which is the only try on data as they should be, then halves of what may be left over."""
+    """Number of bytes of a unit's Draco data that its faces need.
+
+    Draco does not report where it stops, so shorter data are tried: one byte less, which is the only try on data without surplus,
+    then halves of the possible surplus.
+    """
     data = values["draco_data"]
 
     def is_enough(length):
@@ -44,7 +47,7 @@ def draco_end(values: dict, position_bits: int) -> int:
 
 
 def of_faces(unit: GeometryUnit) -> Iterator[Oddity]:
-    """Of one geometry unit."""
+    """Oddities of one geometry unit."""
     flat = sum(int(_flat(unit.lattice, unit.faces[i : i + FACES_AT_ONCE]).sum())
                for i in range(0, len(unit.faces), FACES_AT_ONCE))
     if flat:
@@ -57,7 +60,7 @@ def _flat(lattice, faces):
 
 
 def of_mesh(units: list[GeometryUnit], position_bits: int) -> Iterator[Oddity]:
-    """Of all geometry units together."""
+    """Oddities of all geometry units together."""
     twice, total = _twice(units), sum(len(unit.faces) for unit in units)
     if twice:
         yield Oddity("TXF-W16", f"{twice} of {total} faces are repeated", "5.6", value=twice)
@@ -69,14 +72,14 @@ def of_mesh(units: list[GeometryUnit], position_bits: int) -> Iterator[Oddity]:
 
 
 def _twice(units):
-    """How many faces have the same corners, in the same order around, as one before."""
+    """Number of faces that have the same corners, in the same cyclic order, as an earlier face."""
     rows = np.concatenate([_turned(unit) for unit in units])
     rows = rows[np.lexsort(rows.T)]
     return int((rows[1:] == rows[:-1]).all(axis=1).sum())
 
 
 def _turned(unit):
-    """Faces as packed lattice positions, int64 [F, 3], the least of them first."""
+    """Faces as packed lattice positions, int64 [F, 3], rotated so that the smallest is first."""
     packed = unit.lattice @ np.array([1, 1 << AXIS_BITS, 1 << 2 * AXIS_BITS])
     corners = packed[unit.faces]
     turn = (corners.argmin(axis=1)[:, None] + np.arange(3)) % 3

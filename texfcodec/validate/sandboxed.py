@@ -1,4 +1,4 @@
-"""Validation in a child process with capped memory and time, as isolate.py decodes. The parent reads the syntax alone."""
+"""Validation in a child process with capped memory and time, as in sandbox/isolate.py. The parent reads the syntax alone."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from .validate import OUTCOME, ROW, validate
 
 
 def validate_isolated(data: bytes, limits: Limits | None = None, threads: int = 1, report: Report | None = None) -> dict:
-    """As validate(), Draco and the kernels in a child process capped by limits.isolate_bytes and limits.isolate_seconds. Where
-    the child breaks, the findings are those of the syntax, and what became of the child."""
+    """As validate(), with Draco and the kernels in a child process capped by limits.isolate_bytes and limits.isolate_seconds.
+
+    If the child breaks, the findings are those of the syntax and the error for the child.
+    """
     limits, report = limits or Limits(), report or Report()
     try:
         with child_folder() as folder, report.stage("isolate"):
@@ -28,7 +30,7 @@ def validate_isolated(data: bytes, limits: Limits | None = None, threads: int = 
 
 
 def _answer_of(data, limits, threads, report, folder):
-    """What the child says. Raises StreamError, LimitError where it says nothing, or nothing that makes sense."""
+    """The child's outcome. Raises StreamError or LimitError if it gives none, or an invalid one."""
     child = run_child(__name__, data, {"limits": asdict(limits), "threads": threads}, limits, folder)
     try:
         answer = read_facts(folder)
@@ -44,7 +46,7 @@ def _answer_of(data, limits, threads, report, folder):
 
 
 def _is_sound(outcome):
-    """Whether a child, which may have been taken over, gives what validate() does."""
+    """Whether an outcome has the form of validate()'s; the child may have been taken over."""
     rows = isinstance(outcome, dict) and outcome.keys() == OUTCOME and outcome["findings"]
     return isinstance(rows, list) and all(isinstance(row, dict) and row.keys() == ROW for row in rows) \
         and isinstance(outcome["counts"], dict) and outcome["counts"].keys() == {*SEVERITIES} \
@@ -52,7 +54,7 @@ def _is_sound(outcome):
 
 
 def _child(folder, request):
-    """The child's side: validates stdin and leaves its answer in the folder."""
+    """The child's side: validates stdin and writes its answer into the folder."""
     limits, report = Limits(**request["limits"]), Report()
     data = sys.stdin.buffer.read()
     try:

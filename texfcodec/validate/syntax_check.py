@@ -1,4 +1,4 @@
-"""Steps 1 to 5 of clause 9.2 over a whole stream: frames, payloads, and what units say of each other. Nothing is decoded."""
+"""Steps 1 to 5 of clause 9.2 over a whole stream: frames, payloads, and references between units. Nothing is decoded."""
 
 from __future__ import annotations
 
@@ -35,9 +35,12 @@ _PLAIN = (UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA)
 
 @dataclass(kw_only=True)
 class Parsed:
-    """A stream as far as it can be read. numbers: by type, the numbers of the units that the lists of stream hold the values of;
-    of a unit that could not be read they hold a stand-in, None or STAND_IN. lost: types of units of which one is not as it should
-    be, so that nothing can be said of what needs all of them. checked: numbers of units that nothing is left to say of."""
+    """The readable part of a stream.
+
+    numbers: by type, the numbers of the units whose values are in the lists of stream; an unreadable unit has a stand-in there,
+    None or STAND_IN. lost: types with at least one faulty unit, so that nothing can be said about things that need all of them.
+    checked: numbers of units whose check is complete.
+    """
 
     listing: Listing
     frames: Frames = _NOTHING
@@ -47,7 +50,7 @@ class Parsed:
     checked: set[int] = field(default_factory=set)
 
     def has_all(self, kind: int) -> bool:
-        """Whether every unit of a kind is there and as it should be, by the sequence header's count."""
+        """Whether all units of a kind are there and without fault, by the sequence header's count."""
         counts = {UNIT_FIELD: (self.stream.fields, "num_fields"), UNIT_GEOMETRY: (self.stream.geometry, "num_geometry_units"),
                   UNIT_MATERIALS: (self.stream.materials, "num_materials")}
         held, count = counts[kind]
@@ -55,13 +58,13 @@ class Parsed:
 
     @property
     def unchecked(self) -> list[int]:
-        """Numbers of units that were not looked into, though nothing is wrong with them that is known."""
+        """Numbers of units that were not checked, although no fault of them is known."""
         known = {number for number, unit in enumerate(self.frames.units) if unit.type in UNITS and unit.type != UNIT_END}
         return sorted(known - self.checked - self.listing.blamed)
 
 
 def parse(data: bytes, limits: Limits) -> Parsed:
-    """Reads all of a stream that can be read. What is wrong or odd is in the listing of the result."""
+    """Reads all of a stream that can be read. The listing of the result has the errors and oddities."""
     parsed = Parsed(listing=Listing())
     frames = read_frames(data, limits.file_bytes, parsed.listing)
     if frames is None:
@@ -109,7 +112,7 @@ def _read_unit(view, number, parsed, limits):
 
 
 def _needs_lost(view, unit, parsed):
-    """Whether the payload cannot be read without something that has been lost."""
+    """Whether the payload cannot be read without something that is lost."""
     if unit.type == UNIT_MATERIALS:
         return not parsed.stream.header
     if unit.type == UNIT_ATTRIBUTE:
@@ -123,7 +126,7 @@ def _needs_lost(view, unit, parsed):
 
 
 def _forget(kind, parsed):
-    """A unit of this type could not be read."""
+    """Marks a type as lost after an unreadable unit."""
     parsed.lost.add(kind)
     if kind == UNIT_SHARP_EDGES:
         parsed.stream.sharp_edges = None
@@ -134,7 +137,7 @@ def _forget(kind, parsed):
 
 
 def _note_oddities(parsed):
-    """What is odd about what could be read. Nothing is said of what others may use while some of the others are lost."""
+    """Adds the oddities of the readable units. Whether an element is used is judged only if no unit that could use it is lost."""
     stream, numbers, materials = parsed.stream, parsed.numbers, UNIT_MATERIALS not in parsed.lost and parsed.stream.materials
     geometry = parsed.has_all(UNIT_GEOMETRY)
     if stream.metadata is not None:

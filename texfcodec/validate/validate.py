@@ -1,8 +1,8 @@
-"""Validation of a whole stream: what the decoder refuses it for, what else is wrong behind that, and what is odd.
+"""Validation of a whole stream: the error for which the decoder refuses it, the errors behind that, and oddities.
 
-The walk is the decoder's (spec 9.2), over its own functions, so that the first error is the one that the decoder raises. Behind
-an error it goes on with what does not need the part at fault; what needs it is named as not checked, and gets no error of its
-own.
+The walk is the decoder's (spec 9.2), over its own functions, so that the first error is the decoder's. After an error it
+continues with everything that does not need the faulty part; everything that needs it is listed as not checked, and gets no error
+of its own.
 """
 
 from __future__ import annotations
@@ -22,13 +22,28 @@ OUTCOME = {"findings", "counts", "left_out", "not_checked", "exit_code", "strict
 
 def validate(data: bytes, limits: Limits | None = None, threads: int = 1, report: Report | None = None,
              failure: TexfError | None = None) -> dict:
-    """Everything that is wrong or odd in a .texf stream.
+    """All errors and oddities of a .texf stream.
 
-    data: bytes; report: Report, which gets seconds by stage; failure: what became of whoever looked into Draco and the fields
-    elsewhere: then nothing is decoded here. Returns a JSON-ready dict: "findings", each with the names of ROW, errors first, and
-    first of them the one that the decoder raises; "counts" by severity; "left_out" by code, what is counted and not in findings;
-    "not_checked": units that were not looked into because of an error elsewhere; "exit_code" and "strict_exit_code" of
-    texf-validate; "facts": what inspect() says without its units, None where the stream cannot be read.
+    Parameters
+    ----------
+    data : bytes
+        The stream.
+    limits : Limits, optional
+        As of decode().
+    threads : int
+        Most threads.
+    report : Report, optional
+        Receives seconds by stage.
+    failure : TexfError, optional
+        Error of a child that was to check Draco and the fields: then nothing is decoded here.
+
+    Returns
+    -------
+    dict
+        JSON-ready. "findings": each with the names of ROW, errors first, the decoder's error first among them; "counts": by
+        severity; "left_out": by code, number of findings that are counted and not listed; "not_checked": units that were not
+        checked because of an error elsewhere; "exit_code", "strict_exit_code": of texf-validate; "facts": those of inspect()
+        without its units, None if the stream cannot be read.
     """
     data, limits, report = bytes(data), limits or Limits(), report or Report()
     with report.stage("parse"):

@@ -31,8 +31,15 @@ SHEETS = 4 / 500_000**0.5
 class Places(NamedTuple):
     """Points of a source on another mesh.
 
-    face: int64 [M]; bary: float64 [M, 3]; points: float64 [M, 3], world, where a field is sampled: on the other mesh. If a stream
-    is all over voxels, points of kept faces are those on the source instead; they differ by the lattice's rounding alone.
+    Attributes
+    ----------
+    face : int64 [M]
+        Faces of the other mesh.
+    bary : float64 [M, 3]
+        Barycentric coordinates there.
+    points : float64 [M, 3]
+        World, where a field is sampled: on the other mesh. If a stream is all over voxels, points of kept faces are those on the
+        source instead; they differ by the lattice's rounding alone.
     """
 
     face: np.ndarray
@@ -74,7 +81,20 @@ class FaceMatch:
             self._turn, self._at_source = np.zeros(len(source.faces), np.int64), False
 
     def find(self, face: np.ndarray, bary: np.ndarray) -> Places:
-        """Places of points of the source on the other mesh. face: int64 [M]; bary: float64 [M, 3]."""
+        """Places of points of the source on the other mesh.
+
+        Parameters
+        ----------
+        face : int64 [M]
+            Faces of the source.
+        bary : float64 [M, 3]
+            Barycentric coordinates there.
+
+        Returns
+        -------
+        Places
+            M points.
+        """
         there, weights, points = self._face[face], np.empty_like(bary), np.empty_like(bary)
         kept, lost = np.flatnonzero(there >= 0), np.flatnonzero(there < 0)
         order = (np.arange(3) - self._turn[face[kept]][:, None]) % 3

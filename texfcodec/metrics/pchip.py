@@ -36,7 +36,18 @@ class Pchip:
         return (zeroth + t * (first + t * (second + t * third))).reshape(where.shape + self._shape)
 
     def integrate(self, low: float, high: float) -> np.ndarray:
-        """Integral float64 from low to high, both within the range of x; a scalar, or [C] if y has columns."""
+        """Integral between two points within the range of x.
+
+        Parameters
+        ----------
+        low, high : float
+            The ends.
+
+        Returns
+        -------
+        float64 or float64 [C]
+            [C] if y has columns.
+        """
         begin, end = np.maximum(self._x[:-1], low), np.minimum(self._x[1:], high)
         below, above = (np.where(begin < end, bound, self._x[:-1])[:, None] - self._x[:-1, None] for bound in (begin, end))
         steps = sum(power / (n + 1) * (above ** (n + 1) - below ** (n + 1)) for n, power in enumerate(self._powers))

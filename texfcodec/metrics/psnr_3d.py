@@ -57,21 +57,55 @@ class SourceSamples:
         self.colour = sample_source(pack_source(scene), self.face, self.bary, threads)
 
     def compare(self, texf: Texf) -> dict:
-        """3D-PSNR of texf in dB {"y", "yuv611", "rgb", "samples"}; None means lossless.
+        """3D-PSNR of a decoded stream. Errors are weighted by the source's alpha if texf has alpha.
 
-        Errors are weighted by the source's alpha if texf has alpha. Raises InputError TXF-I94 if texf has alpha and no point is
-        visible, TXF-I70 if it has no face.
+        Parameters
+        ----------
+        texf : Texf
+            The decoded stream.
+
+        Returns
+        -------
+        dict
+            "y", "yuv611", "rgb" in dB, None means lossless; "samples".
+
+        Raises
+        ------
+        InputError
+            TXF-I94 if texf has alpha and no point is visible, TXF-I70 if it has no face.
         """
         error = ColourError()
         error.add(self.colour[:, :3], self.answers(texf)[:, :3], self.weights(texf))
         return psnr_of(error)
 
     def weights(self, texf: Texf) -> np.ndarray | None:
-        """Visibility of each point in the source, float32 [M]; None if texf has no alpha and all count alike."""
+        """Visibility of each point in the source.
+
+        Parameters
+        ----------
+        texf : Texf
+            The decoded stream.
+
+        Returns
+        -------
+        float32 [M] or None
+            None if texf has no alpha and all points count alike.
+        """
         return self.colour[:, 3] / 255 if texf.has_alpha else None
 
     def answers(self, texf: Texf) -> np.ndarray:
-        """Values of texf at the points that FaceMatch finds on it, float32 [M, 4], 0..255."""
+        """Values of a decoded stream at the points that FaceMatch finds on it.
+
+        Parameters
+        ----------
+        texf : Texf
+            The decoded stream.
+
+        Returns
+        -------
+        float32 [M, 4]
+            RGBA, 0..255.
+        """
         match, out = FaceMatch(self.scene, texf, self.threads), np.empty((len(self.face), 4), np.float32)
         face_field = texf.face_field
         for begin in range(0, len(self.face), BLOCK):

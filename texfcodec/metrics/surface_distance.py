@@ -25,7 +25,12 @@ SAMPLES = 100_000
 class Way(NamedTuple):
     """Distances from the points of one mesh to the other.
 
-    point, plane: mean squared distances, in full and along the source's normal; largest: the largest distance.
+    Attributes
+    ----------
+    point, plane : float
+        Mean squared distances, in full and along the source's normal.
+    largest : float
+        The largest distance.
     """
 
     point: float
@@ -35,9 +40,14 @@ class Way(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceDistance:
-    """Distances between a mesh and its source.
+    """Distances between a mesh and its source, in the meshes' units.
 
-    of_mesh: from the mesh's points to the source; of_source: back; side, diagonal: of the source's box.
+    Attributes
+    ----------
+    of_mesh, of_source : Way
+        From the mesh's points to the source, and back.
+    side, diagonal : float
+        Of the source's box.
     """
 
     of_mesh: Way

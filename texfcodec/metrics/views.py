@@ -58,8 +58,13 @@ class _View:
 class Look:
     """Settings of the views.
 
-    environment: the light, None for the base colour as it is; mipmaps: sample minified images and fields as viewers do, between
-    two mip levels or levels of the field, instead of at points alone.
+    Parameters
+    ----------
+    environment : Environment, optional
+        The light; None for the base colour as it is.
+    mipmaps : bool
+        Sample minified images and fields as viewers do, between two mip levels or levels of the field, instead of at points
+        alone.
     """
 
     environment: Environment | None = None
@@ -130,14 +135,33 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
 
 
 class KeptViews:
-    """Views of a reference that are drawn once and compared with several others. Arguments are as of compare_views()."""
+    """Views of a reference that are drawn once and compared with several others.
+
+    Parameters
+    ----------
+    reference, views, size, look
+        As of compare_views().
+    """
 
     def __init__(self, reference: Scene | Texf, views: int, size: int, look: Look) -> None:
         self._cameras, self._look, self._size = _cameras(reference, views, size), look, size
         self._pictures = [renderer(reference, look)(camera) for camera in self._cameras]
 
     def compare(self, other: Scene | Texf, threads: int = 1) -> dict:
-        """As compare_views(), without SSIM."""
+        """As compare_views(), without SSIM and LPIPS.
+
+        Parameters
+        ----------
+        other : Scene or Texf
+            The decoded asset.
+        threads : int
+            Views at a time.
+
+        Returns
+        -------
+        dict
+            As of compare_views().
+        """
         render = renderer(other, self._look)
         with ThreadPoolExecutor(threads) as pool:
             seen = list(pool.map(lambda camera, picture: _compare(picture, render(camera), False, None), self._cameras,

@@ -30,7 +30,14 @@ MIN_ALPHA = 2e-3  # GGX's alpha (roughness squared) of a perfect mirror
 class Light:
     """A directional light.
 
-    direction: float64 [3] unit, towards the light; irradiance: linear RGB [3] on a surface that faces it; radius: radians.
+    Parameters
+    ----------
+    direction : float64 [3]
+        Unit, towards the light.
+    irradiance : float [3]
+        Linear RGB, on a surface that faces it.
+    radius : float
+        Angular radius in radians.
     """
 
     direction: np.ndarray
@@ -42,8 +49,14 @@ class Light:
 class Environment:
     """A sky and lights.
 
-    gradient: float64 [DEGREE + 1, 3] linear RGB, the sky's control colours from the nadir to the zenith; lights: tuple of Light;
-    exposure: factor of the radiance before it is coded.
+    Parameters
+    ----------
+    gradient : float64 [DEGREE + 1, 3]
+        Linear RGB, the sky's control colours from the nadir to the zenith.
+    lights : tuple of Light
+        The lights.
+    exposure : float
+        Factor of the radiance before it is coded.
     """
 
     gradient: np.ndarray
@@ -51,16 +64,50 @@ class Environment:
     exposure: float = 1.0
 
     def radiance(self, direction: np.ndarray) -> np.ndarray:
-        """Radiance of the sky along unit directions [3, M], without the lights: float32 [3, M]."""
+        """Radiance of the sky without the lights.
+
+        Parameters
+        ----------
+        direction : float32 [3, M]
+            Unit directions.
+
+        Returns
+        -------
+        float32 [3, M]
+            Linear RGB.
+        """
         return _horner(self.powers, direction[1])
 
     def irradiance(self, normal: np.ndarray) -> np.ndarray:
-        """The sky's irradiance over pi on unit normals [3, M], without the lights: float32 [3, M], exact."""
+        """The sky's irradiance over pi, without the lights; exact.
+
+        Parameters
+        ----------
+        normal : float32 [3, M]
+            Unit normals.
+
+        Returns
+        -------
+        float32 [3, M]
+            Linear RGB.
+        """
         return _horner(self.diffuse_powers, normal[1])
 
     def prefiltered(self, direction: np.ndarray, roughness: np.ndarray) -> np.ndarray:
-        """The sky averaged with the lobe of GGX about unit directions [3, M], seen straight on; roughness: [M] of glTF, 0..1.
-        Returns float32 [3, M]."""
+        """The sky averaged with the lobe of GGX, seen straight on.
+
+        Parameters
+        ----------
+        direction : float32 [3, M]
+            Unit directions, about which the lobe lies.
+        roughness : float32 [M]
+            Of glTF, 0..1.
+
+        Returns
+        -------
+        float32 [3, M]
+            Linear RGB.
+        """
         return look_up(self.prefiltered_table, 0.5 + 0.5 * direction[1], roughness)
 
     def build(self) -> None:

@@ -75,10 +75,27 @@ class Lighting:
 
     def coded(self, camera: Camera, fragments: Fragments, rgba: np.ndarray, filtering: bool = True,
               threads: int = 1, noise: tuple[str, float] | None = None) -> np.ndarray:
-        """Colours of fragments in light, float32 [M, 3], 0..255, sRGB-coded. The result does not depend on threads.
+        """Colours of fragments in light.
 
-        rgba: float32 [M, 4], 0..255, their base colour and alpha; unlit materials keep it; filtering: as of render_texf(); noise:
-        a channel and the largest of the even random errors, on 0..255, that its values get, as by coding.
+        Parameters
+        ----------
+        camera : Camera
+            The camera.
+        fragments : Fragments
+            M visible points.
+        rgba : float32 [M, 4]
+            Their base colour and alpha, 0..255; unlit materials keep it.
+        filtering : bool
+            As of render_texf().
+        threads : int
+            Most threads; the result does not depend on it.
+        noise : (str, float), optional
+            A channel, and the largest of the even random errors, on 0..255, that its values get, as by coding.
+
+        Returns
+        -------
+        float32 [M, 3]
+            0..255, sRGB-coded.
         """
         out = np.array(rgba[:, :3], np.float32)
         material = self.face_material[fragments.face]
@@ -157,15 +174,43 @@ class Lighting:
 
 
     def normals(self, name: str, face: np.ndarray, bary: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """World shading normals of surface points without and with a normal map, float32 [M, 3] each. name: "normal" or
-        "clearcoat_normal"; face: int64 [M]; bary: float64 [M, 3]."""
+        """World shading normals of surface points.
+
+        Parameters
+        ----------
+        name : str
+            "normal" or "clearcoat_normal".
+        face : int64 [M]
+            Faces.
+        bary : float64 [M, 3]
+            Barycentric coordinates.
+
+        Returns
+        -------
+        without_map, with_map : float32 [M, 3]
+            Unit normals.
+        """
         plain, at = interpolate_corners(self.maps.corner_normal, face, bary), (face, bary, np.zeros(len(face)))
         wanted = self.table.wanted_channels() & {name}
         return plain, self._bent(name, self.maps.asker(None, 0.0, wanted, False)(wanted, *at), at, plain)
 
     def finals(self, names: Collection[str], face: np.ndarray, bary: np.ndarray) -> dict[str, np.ndarray]:
-        """Final values float32 [M, C], linear, of channels at surface points, with or without a map. names: of channels that are
-        not normals."""
+        """Final values of channels at surface points, with or without a map.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Of channels that are not normals.
+        face : int64 [M]
+            Faces.
+        bary : float64 [M, 3]
+            Barycentric coordinates.
+
+        Returns
+        -------
+        dict of str to float32 [M, C]
+            Linear.
+        """
         material, mapped = self.face_material[face], frozenset(names) & self.table.wanted_channels()
         answers = self.maps.asker(None, 0.0, mapped, False)(mapped, face, bary, np.zeros(len(face)))
         return {name: self._final(name, answers[name], material) if name in mapped else self.table.constant(name, material)

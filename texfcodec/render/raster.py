@@ -25,8 +25,18 @@ if TYPE_CHECKING:
 class Fragments:
     """Visible surface, one entry per covered pixel.
 
-    pixel: int64 [M] ascending, row * width + column; face: int64 [M]; bary: float64 [M, 3] non-negative, summing to 1,
-    perspective-correct; depth: float64 [M] along the camera's forward, as the faces competed with it; width, height: pixels.
+    Attributes
+    ----------
+    pixel : int64 [M]
+        row * width + column, ascending.
+    face : int64 [M]
+        Visible face.
+    bary : float64 [M, 3]
+        Perspective-correct barycentric coordinates, non-negative, with sum 1.
+    depth : float64 [M]
+        Along the camera's forward, as the faces competed with it.
+    width, height : int
+        Pixels.
     """
 
     pixel: np.ndarray

@@ -53,8 +53,16 @@ def box_down(image: np.ndarray, times: int) -> np.ndarray:
 class Picture:
     """A camera's picture, before rounding and without a background.
 
-    width, height: pixels; pixel: int64 [M] ascending, row * width + column of the covered pixels; colour: float32 [M, 3] RGB in
-    0..255, sRGB-coded, straight; alpha: float32 [M], 0..1, below 1 only if no opaque surface is behind the transparent ones.
+    Attributes
+    ----------
+    width, height : int
+        Pixels.
+    pixel : int64 [M]
+        Covered pixels, row * width + column, ascending.
+    colour : float32 [M, 3]
+        RGB, 0..255, sRGB-coded, straight.
+    alpha : float32 [M]
+        0..1, below 1 only if no opaque surface is behind the transparent ones.
     """
 
     width: int
@@ -64,7 +72,18 @@ class Picture:
     alpha: np.ndarray
 
     def image(self, background: Background = (255, 255, 255)) -> np.ndarray:
-        """The picture over a background, uint8 [height, width, 3]; NaN becomes 0."""
+        """The picture over a background.
+
+        Parameters
+        ----------
+        background : background
+            One colour, or those of the top and of the bottom row.
+
+        Returns
+        -------
+        uint8 [height, width, 3]
+            NaN becomes 0.
+        """
         out = np.empty((self.height, self.width, 3), np.uint8)
         out[:] = rows(background, self.height)
         _paint(self.pixel, self.colour, self.alpha, out.reshape(-1, 3))

@@ -19,7 +19,14 @@ PBR, TEXTURE_INFOS = "pbrMetallicRoughness", ("normalTexture", "occlusionTexture
 class Parameter:
     """One or a few numbers that a material has for its whole surface (clause 5.4.2).
 
-    extension, key: its place in glTF, "" for the material itself; default: glTF's value if it is absent, in binary32.
+    Attributes
+    ----------
+    name : str
+        Of the row.
+    extension, key : str
+        Its place in glTF; "" for the material itself.
+    default : tuple of float
+        glTF's value if it is absent, in binary32.
     """
 
     name: str
@@ -97,11 +104,27 @@ EXTENSIONS = frozenset(parameter.extension for parameter in PARAMETERS) - {"", P
 class Channel:
     """One meaning of values.
 
-    semantic, components: as in the stream's channel groups; srgb: whether values are sRGB-coded colour; extension, slot: the glTF
-    texture of the channel; columns: its components in that image, 0..3 for red, green, blue and alpha; parameter: the factor of
-    its values, "" if the factor is in the values (base colour) or there is none; unit: of its error, "dB" or "degrees"; over:
-    "texels" or "voxels" if the values are defined on this support alone, "" for both; weight: effect of a squared error of its
-    values on a shaded picture, as a multiple of the effect in base colour (docs/design/materials.md).
+    Attributes
+    ----------
+    name : str
+        Of the row.
+    semantic, components : int
+        As in the stream's channel groups.
+    srgb : bool
+        Whether values are sRGB-coded colour.
+    extension, slot : str
+        The glTF texture of the channel.
+    columns : tuple of int
+        Its components in that image, 0..3 for red, green, blue and alpha.
+    parameter : str
+        The factor of its values; "" if the factor is in the values (base colour) or there is none.
+    unit : str
+        Of its error, "dB" or "degrees".
+    over : str
+        "texels" or "voxels" if the values are defined on this support alone, "" for both.
+    weight : float
+        Effect of a squared error of its values on a shaded picture, as a multiple of the effect in base colour
+        (docs/design/materials.md).
     """
 
     name: str

@@ -30,7 +30,16 @@ class Condition:
 class Effect:
     """One effect.
 
-    used: whether a material needs it; channels: those whose maps it reads; parameters: the parameters that it reads.
+    Attributes
+    ----------
+    bit : int
+        Number of its bit in a mask.
+    name : str
+        Of the row.
+    used : function (Material) -> bool
+        Whether a material needs it.
+    channels, parameters : tuple of str
+        Channels whose maps it reads; parameters that it reads.
     """
 
     name: str

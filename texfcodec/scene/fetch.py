@@ -19,9 +19,26 @@ BLOCK = 1 << 16
 class PackedSource(NamedTuple):
     """Images on a surface as flat arrays for the kernels.
 
-    texels: uint8 [T, 4]; textures: int64 [n, 5] (offset, width, height, wrap s, wrap t); material_texture: int64 [m]; factor:
-    float64 [m, 4]; opaque: uint8 [m]; face_material: int64 [F]; corner_uv: float64 [F, 3, 2]; corner_colour: float32 [F or 0, 3,
-    4]; to_linear, to_srgb: both curves, float64.
+    Attributes
+    ----------
+    texels : uint8 [T, 4]
+        Of all images.
+    textures : int64 [n, 5]
+        (offset, width, height, wrap s, wrap t) of each image.
+    material_texture : int64 [m]
+        Image of each material.
+    factor : float64 [m, 4]
+        Linear factor of each material.
+    opaque : uint8 [m]
+        Whether a material's alpha is ignored.
+    face_material : int64 [F]
+        Material of each face.
+    corner_uv : float64 [F, 3, 2]
+        UVs.
+    corner_colour : float32 [F or 0, 3, 4]
+        Vertex colours.
+    to_linear, to_srgb : float64
+        Both curves as tables.
     """
 
     texels: np.ndarray

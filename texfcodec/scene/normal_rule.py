@@ -15,9 +15,16 @@ _KIND_NAMES = ("faces joined over edges", "faces joined over edges that are not 
 class NormalRule(NamedTuple):
     """How a corner's normal is derived from the faces around its vertex.
 
-    kind: JOINED takes the mean over the faces that the corner reaches over edges, as far as the faces at an edge are within the
-    angle; MARKED also stops at edges that the stream marks as sharp; CODED takes the normal from the stream and has no weight.
-    weight: AREA of a face, ANGLE of its corner at the vertex, or BOTH as a product. angle: whole degrees 0..180; 0 is flat.
+    Parameters
+    ----------
+    kind : int
+        JOINED takes the mean over the faces that the corner reaches over edges, as far as the faces at an edge are within the
+        angle. MARKED also stops at edges that the stream marks as sharp. CODED takes the normal from the stream and has no
+        weight.
+    weight : int
+        AREA of a face, ANGLE of its corner at the vertex, or BOTH as a product.
+    angle : int
+        Whole degrees 0..180; 0 is flat.
     """
 
     kind: int

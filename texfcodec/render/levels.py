@@ -20,8 +20,16 @@ if TYPE_CHECKING:
 class Level:
     """One level of a field, whose cells are 2**level of the field's own a side.
 
-    support: places of its values; values: uint8 (level 0) or float32 [N, C], the plain means of the field's values in each cell
-    (those of a decoder that leaves levels out, but for rounding); counts: int64 [N], number of values in each cell.
+    Attributes
+    ----------
+    level : int
+        Its number; 0 is the field itself.
+    support : VoxelSupport or TexelSupport
+        Places of its values.
+    values : uint8 (level 0) or float32 [N, C]
+        Plain means of the field's values in each cell: those of a decoder that leaves levels out, but for rounding.
+    counts : int64 [N]
+        Number of values in each cell.
     """
 
     level: int
@@ -30,10 +38,17 @@ class Level:
     counts: np.ndarray
 
     def query(self, places: np.ndarray) -> np.ndarray:
-        """Values float32 [M, C] at places of the field.
+        """Values at places of the field.
 
-        places: over voxels grid coordinates float64 [M, 3], see field.query.query_field; over texels those of the full image,
-        float64 [M, 2].
+        Parameters
+        ----------
+        places : float64 [M, 3] or [M, 2]
+            Over voxels grid coordinates, see field.query.query_field; over texels those of the full image.
+
+        Returns
+        -------
+        float32 [M, C]
+            0..255.
         """
         if isinstance(self.support, TexelSupport):
             return self.support.query(places, self.values)

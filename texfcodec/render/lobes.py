@@ -24,10 +24,14 @@ SLICES = 48  # strata a side of the integrals behind each node
 
 @dataclass
 class LightSums:
-    """Light from all lights at each point, summed with weights 1 - f and f, where f is Schlick's fifth power at the half vector.
+    """Light from all lights at each point, so that the lights are summed once for any values of Fresnel's two ends.
 
-    So the lights are summed once for any values of Fresnel's two ends. spec, spec_edge: of the lobe, with weights 1 - f and f;
-    flat: cosine over pi, unweighted; float32 [3, M].
+    Attributes
+    ----------
+    spec, spec_edge : float32 [3, M]
+        Of the lobe, with weights 1 - f and f, where f is Schlick's fifth power at the half vector.
+    flat : float32 [3, M]
+        Cosine over pi, unweighted.
     """
 
     spec: np.ndarray

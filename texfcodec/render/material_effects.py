@@ -68,7 +68,17 @@ def shading_effects(material: Material) -> frozenset[str]:
 class ShadingTable:
     """Materials as shading reads them.
 
-    materials: with valid parameters; effects: names of the effects of each; values: parameter -> float32 [K, C].
+    Parameters
+    ----------
+    materials : sequence of Material
+        Any; their parameters are made valid.
+
+    Attributes
+    ----------
+    effects : list of frozenset of str
+        Names of the effects of each.
+    values : dict of str to float32 [K, C]
+        By parameter.
     """
 
     def __init__(self, materials: Sequence[Material]) -> None:

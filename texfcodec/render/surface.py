@@ -14,17 +14,25 @@ UNBOUNDED = frozenset({"emissive", "thickness"})  # channels whose final values 
 
 @dataclass(kw_only=True)
 class Points:
-    """M surface points in view.
+    """M surface points in view. Directions are of any length; one that is zero or not finite counts as the view, and such a view
+    as +z.
 
-    material: int64 [M] into the table; normal: float32 [M, 3] world, shading normals with the normal map; view: float32 [M, 3]
-    from the point to the eye; values: channel name -> float32 [M, C], final (ShadingTable.final), linear; tangent: float32 [M, 4]
-    world and handedness, read only for anisotropy; coat_normal: float32 [M, 3] of the clear coat, to which glTF does not apply
-    the base's normal map; without it the coat takes normal.
-
-    A channel that is absent from values has ShadingTable.constant everywhere; in a channel that is present, the caller fills in
-    the constant for materials without a map. In values, NaN and negative numbers count as 0, numbers above 1 as 1 (emissive and
-    thickness as LARGEST). Directions are of any length; a direction that is zero or not finite counts as the view, and such a
-    view as +z.
+    Parameters
+    ----------
+    material : int64 [M]
+        Indices into the table.
+    normal : float32 [M, 3]
+        World, shading normals with the normal map.
+    view : float32 [M, 3]
+        From the point to the eye.
+    values : dict of str to float32 [M, C]
+        By channel, final (ShadingTable.final), linear. A channel that is absent has ShadingTable.constant everywhere; in a
+        channel that is present, the caller fills in the constant for materials without a map. NaN and negative numbers count as
+        0, numbers above 1 as 1 (emissive and thickness as LARGEST).
+    tangent : float32 [M, 4], optional
+        World and handedness, read only for anisotropy.
+    coat_normal : float32 [M, 3], optional
+        Of the clear coat, to which glTF does not apply the base's normal map; without it the coat takes normal.
     """
 
     material: np.ndarray

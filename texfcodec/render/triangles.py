@@ -22,14 +22,23 @@ IN_REACH, TO_CLIP, NOT_FINITE = 0, 1, 2
 class Triangles:
     """Input of the kernels of raster.py.
 
-    camera; seen: float64 [V, 3] the corners in camera space (to_camera); faces: int64 [F, 3].
-
-    corner: int64 [T, 6], x0 y0 x1 y1 x2 y2 in 1/256 pixel, clockwise on the screen; owner: int64 [T] ascending face numbers.
-
-    plane: float64 [T, 5]: nearness at the centre of pixel (x, y) is k + kx x + ky y, cut to [low, high]; stored k, kx, ky, low,
-    high. Nearness grows towards the camera: 1 / depth if perspective, -depth if orthographic.
-
-    bands: int64 [B + 1] and member int64: band b is touched by triangles member[bands[b] : bands[b + 1]], in face order.
+    Attributes
+    ----------
+    camera : Camera
+        The camera.
+    seen : float64 [V, 3]
+        The corners in camera space (to_camera).
+    faces : int64 [F, 3]
+        Indices into seen.
+    corner : int64 [T, 6]
+        x0 y0 x1 y1 x2 y2 in 1/256 pixel, clockwise on the screen.
+    plane : float64 [T, 5]
+        k, kx, ky, low, high: nearness at the centre of pixel (x, y) is k + kx x + ky y, cut to [low, high]. Nearness grows
+        towards the camera: 1 / depth if perspective, -depth if orthographic.
+    owner : int64 [T]
+        Face numbers, ascending.
+    bands, member : int64 [B + 1], int64
+        Band b is touched by triangles member[bands[b] : bands[b + 1]], in face order.
     """
 
     camera: Camera

@@ -54,7 +54,7 @@ def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
         raise _nothing(errors, notes)
     _drop_rest(document, notes)
     turn_where_all_vanish(look.materials, "the COLLADA file", notes)
-    exporters = " ".join(str(one.authoring_tool) for one in asset.contributors)
+    exporters = " ".join(str(contributor.authoring_tool) for contributor in asset.contributors)
     linearise_factors([material.factor for material in look.materials], exporters, "COLLADA file", notes)
     metadata = {"source_up_axis": placing.up, "source_unit_in_metres": placing.metres}
     return assemble(parts, look.materials, look.shelf.textures, notes, metadata, pools)
@@ -98,7 +98,7 @@ def _with_points(data, notes):
     if not any(re.search(rb"\d,\d", array) and b"." not in array for array in arrays):
         return data
     notes.remark("numbers in the COLLADA file have decimal commas; they are read as decimal points")
-    data = re.sub(rb">[-+0-9eE,\s]+<", lambda found: found[0].replace(b",", b"."), data)
+    data = re.sub(rb">[-+0-9eE,\s]+<", lambda match: match[0].replace(b",", b"."), data)
     return re.sub(rb"""(\bmeter=["']\d+),(\d)""", rb"\1.\2", data)
 
 
@@ -285,8 +285,8 @@ class _Look:
 def _wrap(sampler):
     """(s, t) from the sampler's XML; pycollada keeps only its filters."""
     def mode(tag):
-        found = None if sampler.xmlnode is None else sampler.xmlnode.find(".//{*}" + tag)
-        return _WRAPS.get((found.text or "").strip() if found is not None else "WRAP", WRAP_REPEAT)
+        element = None if sampler.xmlnode is None else sampler.xmlnode.find(".//{*}" + tag)
+        return _WRAPS.get((element.text or "").strip() if element is not None else "WRAP", WRAP_REPEAT)
 
     return mode("wrap_s"), mode("wrap_t")
 

@@ -64,13 +64,13 @@ def find_file(folder: Path, name: str, notes: Notes) -> Path | None:
         if candidate and _is_file(path):
             opened(path)
             return path
-    found = _search(Path(folder), name, notes)
-    if not found:
+    matches = _search(Path(folder), name, notes)
+    if not matches:
         return None
-    path = found[0]
-    if len(found) > 1:
-        notes.lose(f"file '{name[:_SHOWN]}' (guessed among {len(found)} files)",
-                   f"{len(found)} files could be '{name[:_SHOWN]}'; '{_shown(path, folder)}' is read")
+    path = matches[0]
+    if len(matches) > 1:
+        notes.lose(f"file '{name[:_SHOWN]}' (guessed among {len(matches)} files)",
+                   f"{len(matches)} files could be '{name[:_SHOWN]}'; '{_shown(path, folder)}' is read")
     else:
         notes.remark(f"file '{name[:_SHOWN]}' is read from '{_shown(path, folder)}'")
     opened(path)
@@ -96,17 +96,17 @@ def _search(folder, name, notes):
     for base in (folder, above):
         for way, encoding in ways if base is not None else ():
             for skipped in range(len(way)):  # the folders that another machine had come off one by one
-                found = _walk(base, way[skipped:], notes)
-                if found:
+                matches = _walk(base, way[skipped:], notes)
+                if matches:
                     notes.encoding = encoding or notes.encoding
-                    return found
+                    return matches
     for base in (folder, above):
         for place in _image_folders(base, notes) if base is not None else ():
             for way, encoding in ways:
-                found = _walk(place, way[-1:], notes)
-                if found:
+                matches = _walk(place, way[-1:], notes)
+                if matches:
                     notes.encoding = encoding or notes.encoding
-                    return found
+                    return matches
     return []
 
 

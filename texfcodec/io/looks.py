@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from dataclasses import field as made_by
+from dataclasses import field as dataclass_field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +28,7 @@ class Skin:
 
     field: int | None
     has_base: bool = False
-    sheets: list[tuple[str, ...]] = made_by(default_factory=list)
+    sheets: list[tuple[str, ...]] = dataclass_field(default_factory=list)
 
 
 @dataclass
@@ -52,7 +52,7 @@ class Looks:
     skins: list[Skin]
     looks: list[Look]
     face_look: np.ndarray
-    opaque: list[str] = made_by(default_factory=list)
+    opaque: list[str] = dataclass_field(default_factory=list)
     apart: bool = False
 
     @property
@@ -73,7 +73,7 @@ def looks_of(texf: Texf, held: tuple[str, ...] | None = None, at_vertices: bool 
     of_face = np.column_stack([texf.face_material, face_skin, _says_nothing(texf)])
     kinds, face_look = np.unique(of_face, axis=0, return_inverse=True)
     face_look = face_look.reshape(-1)
-    made = []
+    looks = []
     for row, (number, skin, flat) in enumerate(kinds.tolist()):
         faces = np.flatnonzero(face_look == row)
         look = _look(texf, number, skin, skins[skin], faces, held)
@@ -82,14 +82,14 @@ def looks_of(texf: Texf, held: tuple[str, ...] | None = None, at_vertices: bool 
         if at_vertices and skins[skin].field is None and look.mapped == (BASE_COLOUR.name,):
             look.colours = vertex_fit(texf, faces)
             look.mapped = look.mapped if look.colours is None else ()
-        made.append(look)
+        looks.append(look)
         skins[skin].has_base |= BASE_COLOUR.name in look.mapped
     for number, skin in enumerate(skins):
-        wanted = {name for look in made if look.skin == number for name in look.mapped}
+        wanted = {name for look in looks if look.skin == number for name in look.mapped}
         skin.sheets = sheets_of(wanted) if held is None else [(name,) for name in held[1:] if name in wanted]
     idle = np.setdiff1d(np.arange(len(texf.materials)), texf.face_material)
-    made += [Look(int(number), -1, texf.materials[number], ()) for number in idle]
-    return Looks(skins, made, face_look, _made_opaque(texf, made, skins, face_look), apart=held is not None)
+    looks += [Look(int(number), -1, texf.materials[number], ()) for number in idle]
+    return Looks(skins, looks, face_look, _make_opaque(texf, looks, skins, face_look), apart=held is not None)
 
 
 def _says_nothing(texf):
@@ -102,7 +102,7 @@ def _says_nothing(texf):
     return mapped[texf.face_material] & over_texels[texf.face_field] & ~has_uv_area(texf.uv[texf.faces])
 
 
-def _made_opaque(texf, looks, skins, face_look):
+def _make_opaque(texf, looks, skins, face_look):
     """Makes materials opaque that blend by an alpha of 255 on all their faces: viewers draw what blends later, unsorted. Returns
     their names."""
     names = []

@@ -28,12 +28,12 @@ def lost_effects(texf: Texf, held: frozenset[str]) -> list[str]:
     """Names of the effects that faces of a stream (Texf) show and a format cannot hold, as "clearcoat of material 'door'".
     held: IN_MTL or IN_COLOURS, those that it can."""
     shown = [texf.materials[number] for number in np.unique(texf.face_material).tolist()]
-    found = []
+    names = []
     for words, needs in _KINDS:
         bearers = [_called(material) for material in shown if needs(material)] if words not in held else []
         if bearers:
-            found.append(f"{words} of {', '.join(bearers[:_NAMED])}" + _others(len(bearers) - _NAMED))
-    return found
+            names.append(f"{words} of {', '.join(bearers[:_NAMED])}" + _others(len(bearers) - _NAMED))
+    return names
 
 
 def _called(material: Material) -> str:

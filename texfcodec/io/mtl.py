@@ -68,7 +68,7 @@ class ObjMaterial:
 
 def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
     """bytes of an .mtl file -> dict name -> ObjMaterial. Errors: TXF-I20 with the line."""
-    found: dict[str, ObjMaterial] = {}
+    library: dict[str, ObjMaterial] = {}
     current, coding = None, _coding_of(data := as_utf8(data))
     head = data[:_HEAD].decode("latin-1")
     for number, line in enumerate(_LINE_END.split(data), 1):
@@ -77,21 +77,21 @@ def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
             continue
         word, text = key.decode("latin-1"), rest.strip().decode(coding)
         if word.lower() == "newmtl":
-            current = found.setdefault(text, ObjMaterial(text, np.ones(4)))
+            current = library.setdefault(text, ObjMaterial(text, np.ones(4)))
         elif current is not None:
             try:
                 _statement(current, word, text, notes)
             except (ValueError, IndexError) as error:
                 raise InputError("TXF-I20", "an MTL statement cannot be read", line=number,
                                  value=line.strip().decode(coding)[:80]) from error
-    materials = list(found.values())
+    materials = list(library.values())
     _set_alpha(materials, "meshlab" in head.lower(), notes)
     _set_range(materials, notes)
     for material in materials:
         _finish(material, notes)
     emission = [ke for material in materials for ke in material.look.coded_emission()]
     linearise_factors([material.factor for material in materials] + emission, head, "MTL file", notes)
-    return found
+    return library
 
 
 def _coding_of(data):
@@ -247,9 +247,9 @@ def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> 
     if texture < 0 and name:
         texture = shelf.put(name, lambda: read_file(folder, name, shelf.notes), name, material.wrap)
     mode = alpha_mode_with(material.look, shelf.textures[texture].image if texture >= 0 else None, alpha_mode_of(material.factor))
-    made = Material(name=material.name, factor=material.factor, texture=texture, alpha_mode=mode)
-    complete(made, material.look, (material.uv_scale, material.uv_offset, material.wrap), folder, shelf)
-    return made
+    out = Material(name=material.name, factor=material.factor, texture=texture, alpha_mode=mode)
+    complete(out, material.look, (material.uv_scale, material.uv_offset, material.wrap), folder, shelf)
+    return out
 
 
 def write_mtl(texf: Texf, look: Textured, image_names: list[str]) -> tuple[list[bytes], list[str]]:
@@ -257,14 +257,14 @@ def write_mtl(texf: Texf, look: Textured, image_names: list[str]) -> tuple[list[
     image_names: of the files of look.textures."""
     written, lines = [_write_map(look, n, name) for n, name in enumerate(image_names)], ["# texfcodec"]
     maps = [text for text, _ in written]
-    for name, one, images in zip(material_names(texf, look), look.looks.looks, look.images, strict=True):
-        lines += [f"newmtl {name}", "Ka 1 1 1", "Ks 0 0 0", "illum 1", *number_lines(one.material)]
+    for name, material_look, images in zip(material_names(texf, look), look.looks.looks, look.images, strict=True):
+        lines += [f"newmtl {name}", "Ka 1 1 1", "Ks 0 0 0", "illum 1", *number_lines(material_look.material)]
         for channel, image in images.items():
             if channel != BASE_COLOUR.name:
-                lines += map_lines(one.material, channel, maps[image])
+                lines += map_lines(material_look.material, channel, maps[image])
                 continue
             lines.append(f"map_Kd {maps[image]}")
-            if look.textures[image].image.shape[2] == 4 and one.material.alpha_mode != ALPHA_OPAQUE:
+            if look.textures[image].image.shape[2] == 4 and material_look.material.alpha_mode != ALPHA_OPAQUE:
                 lines.append(f"map_d {maps[image]}")
     return [("\n".join(lines) + "\n").encode()], [text for _, texts in written for text in texts]
 
@@ -286,10 +286,11 @@ def _write_map(look, number, name):
 
 def material_names(texf: Texf, look: Textured) -> list[str]:
     """One distinct name without blanks per pair of material and image, of look.looks."""
-    shared = np.bincount([one.number for one in look.looks.looks], minlength=len(texf.materials)) > 1
+    shared = np.bincount([material_look.number for material_look in look.looks.looks], minlength=len(texf.materials)) > 1
     names = ["_".join(material.name.split()) or "material" for material in texf.materials]
-    found: list[str] = []
-    for one in look.looks.looks:
-        name = f"{one.number}_{names[one.number]}" + f"_{one.skin}" * bool(shared[one.number])
-        found.append(name + f"_{len(found)}" * (name in found))
-    return found
+    distinct: list[str] = []
+    for material_look in look.looks.looks:
+        number = material_look.number
+        name = f"{number}_{names[number]}" + f"_{material_look.skin}" * bool(shared[number])
+        distinct.append(name + f"_{len(distinct)}" * (name in distinct))
+    return distinct

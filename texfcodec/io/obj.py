@@ -55,8 +55,8 @@ class _Statements:
 
     def line(self, statement, row):
         """Line number of the row-th v, vt or f; looked up only for a message."""
-        found = [number for number, line in enumerate(self.lines, 1) if line.split(None, 1)[:1] == [statement]]
-        return found[row] if row < len(found) else None
+        numbers = [number for number, line in enumerate(self.lines, 1) if line.split(None, 1)[:1] == [statement]]
+        return numbers[row] if row < len(numbers) else None
 
 
 def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
@@ -295,7 +295,7 @@ def _normal(rows, indices):
 
 def _libraries(names, folder, notes):
     """All materials of the named libraries; a missing file is a fault. A file that names none may have one of its own name."""
-    found = {}
+    library = {}
     for name in dict.fromkeys(names):
         whole = find_file(folder, name, notes)
         for path in [whole] if whole else [find_file(folder, item, notes) for item in name.split()] or [None]:
@@ -304,8 +304,8 @@ def _libraries(names, folder, notes):
                 error = missing_file(name, "material file")
                 notes.fault(str(error.code), f"{error.message}; its materials are white", f"material file '{name[:160]}'")
                 continue
-            found.update(read_mtl(data, notes))
-    return found or _library_beside(notes)
+            library.update(read_mtl(data, notes))
+    return library or _library_beside(notes)
 
 
 def _library_beside(notes):

@@ -54,17 +54,17 @@ def textured(texf: Texf, looks: Looks, texture_size: int | None = None, atlas: s
     if names_in(looks, NORMAL_MAPS):
         normal = texf.shading_normals()
 
-    def made(skin):
+    def images_of(skin):
         make = _of_atlas if skin.field is None else _of_texels
         return make(texf, looks, skin, normal, (texture_size, atlas))
 
-    for skin, (found, uv, said) in zip(looks.skins, in_order(made, looks.skins, texf.threads), strict=True):
+    for skin, (named_textures, uv, texts) in zip(looks.skins, in_order(images_of, looks.skins, texf.threads), strict=True):
         faces = _faces_of(texf, looks, skin)
         corner_uv[faces] = uv
-        of_skin.append({name: len(textures) + n for n, (names, _) in enumerate(found) for name in names})
-        textures += [texture for _, texture in found]
-        steps += [_step(texf, skin, faces, names) for names, _ in found]
-        warnings += said
+        of_skin.append({name: len(textures) + n for n, (names, _) in enumerate(named_textures) for name in names})
+        textures += [texture for _, texture in named_textures]
+        steps += [_step(texf, skin, faces, names) for names, _ in named_textures]
+        warnings += texts
     if texf.fields and not any(skin.field is None for skin in looks.skins) and (texture_size is not None or atlas != "auto"):
         warnings.append("every field is over texels and keeps its image; texture size and atlas method are ignored")
     corner_uv[~looks.has_image] = 0
@@ -94,10 +94,10 @@ def _of_texels(texf, looks, skin, _, __):
     image, uv, centres = texel_image_and_uv(texf, skin.field)
     wrap, squares = tuple(texf.fields[skin.field].support.wrap), texf.metadata.get(NEAREST_FIELDS)
     nearest = isinstance(squares, list) and skin.field in squares
-    found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name, nearest=nearest))] * skin.has_base
+    named_textures = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name, nearest=nearest))] * skin.has_base
     for sheet in skin.sheets:
-        found.append((sheet, _of_sheet(texel_sheet(texf, skin.field, sheet, centres), wrap, sheet, looks.apart)))
-    return found, uv, []
+        named_textures.append((sheet, _of_sheet(texel_sheet(texf, skin.field, sheet, centres), wrap, sheet, looks.apart)))
+    return named_textures, uv, []
 
 
 def _of_sheet(image, wrap, sheet, apart):
@@ -115,8 +115,8 @@ def _of_atlas(texf, looks, skin, normal, arguments):
     baked = bake(texf, texture_size, atlas, faces)
     image = baked.image if texf.has_alpha else np.ascontiguousarray(baked.image[..., :3])
     wrap = (WRAP_CLAMP, WRAP_CLAMP)
-    found = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name))] * skin.has_base
+    named_textures = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name))] * skin.has_base
     if skin.sheets:
         maps = AtlasMaps(texf, faces, baked, None if normal is None else normal[faces])
-        found += [(sheet, _of_sheet(maps.image(sheet), wrap, sheet, looks.apart)) for sheet in skin.sheets]
-    return found, baked.atlas.corner_uv, baked.warnings
+        named_textures += [(sheet, _of_sheet(maps.image(sheet), wrap, sheet, looks.apart)) for sheet in skin.sheets]
+    return named_textures, baked.atlas.corner_uv, baked.warnings

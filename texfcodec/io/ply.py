@@ -156,7 +156,7 @@ def _turned(uv):
 def _color_names(table):
     """Names of red, green, blue and, where there is one, alpha of a base colour, or []."""
     plain = [name for name in table if not isinstance(table[name], tuple)]
-    found: dict[str, list[str]] = {}
+    by_prefix: dict[str, list[str]] = {}
     for name in plain:
         for words in (("red", "green", "blue", "alpha"), ("r", "g", "b", "a")):
             before, here, after = name.rpartition(words[0])
@@ -164,9 +164,9 @@ def _color_names(table):
                 continue
             names = [f"{before}{word}{after}" for word in words]
             if all(name in plain for name in names[:3]):
-                found.setdefault(before, [name for name in names if name in plain])
+                by_prefix.setdefault(before, [name for name in names if name in plain])
     order = {before: number for number, before in enumerate(_BASE)}
-    return min(found.items(), key=lambda item: order.get(item[0], len(_BASE)), default=("", []))[1]
+    return min(by_prefix.items(), key=lambda item: order.get(item[0], len(_BASE)), default=("", []))[1]
 
 
 def _coded(table, names, notes, what):

@@ -188,7 +188,8 @@ def _textured(texf: Texf, choice: SaveChoice, report: SaveReport) -> tuple[Textu
     assert choice.looks is not None  # of what is written with images
     look = textured(texf, choice.looks, choice.options.texture_size, choice.options.atlas)
     report = report.warn(look.warnings)
-    ours = np.array([one.skin >= 0 and look.looks.skins[one.skin].field is None for one in look.looks.looks], bool)
+    skins = [part.skin for part in look.looks.looks]
+    ours = np.array([skin >= 0 and look.looks.skins[skin].field is None for skin in skins], bool)
     shown = np.flatnonzero((look.face_image >= 0) & ours[look.looks.face_look])
     if len(shown):
         seams = measure_seams(texf.lattice_positions, texf.faces[shown], look.corner_uv[shown], look.textures,

@@ -34,8 +34,8 @@ def with_shared_images(look: Textured, tints: bool) -> Textured:
     factors: dict[int, np.ndarray] = {}  # by number of the image that is left out, or kept as the joint one
     for group in _tint_groups(look, [number for number in _colours_over_texels(look) if into[number] == number]) if tints else ():
         joint = _joint_image(textures, group)
-        found = {number: _factor(joint, look, number) for number in group}
-        fitting = {number: factor for number, factor in found.items() if factor is not None}
+        trial_factors = {number: _factor(joint, look, number) for number in group}
+        fitting = {number: factor for number, factor in trial_factors.items() if factor is not None}
         if len(fitting) < 2:
             continue
         first = min(fitting)
@@ -59,20 +59,21 @@ def _with(look, textures, into, factors):
     kept = sorted(set(into.values()))
     place = {number: kept.index(first) for number, first in into.items()}
     looks = []
-    for one, images in zip(look.looks.looks, look.images, strict=True):
+    for material_look, images in zip(look.looks.looks, look.images, strict=True):
         factor = factors.get(images.get(BASE_COLOUR.name, -1))
         if factor is not None:
-            one = replace(one, material=replace(one.material, factor=one.material.factor * np.append(factor, 1.0)))
-        looks.append(one)
+            material = material_look.material
+            material_look = replace(material_look, material=replace(material, factor=material.factor * np.append(factor, 1.0)))
+        looks.append(material_look)
     images = [{name: place[number] for name, number in images.items()} for images in look.images]
     steps = [look.steps[number] for number in kept]
     return replace(look, textures=[textures[number] for number in kept], steps=steps, images=images,
                    looks=replace(look.looks, looks=looks))
 
 
-def _is_equal(one: Texture, other: Texture) -> bool:
+def _is_equal(first: Texture, other: Texture) -> bool:
     """Whether two textures show the same."""
-    return (_kind(one) == _kind(other) and one.image.shape == other.image.shape and bool(np.array_equal(one.image, other.image)))
+    return _kind(first) == _kind(other) and np.array_equal(first.image, other.image)
 
 
 def _kind(texture):
@@ -81,8 +82,8 @@ def _kind(texture):
 
 def _colours_over_texels(look):
     """Numbers of the images of base colour that belong to fields over texels."""
-    return sorted({images[BASE_COLOUR.name] for one, images in zip(look.looks.looks, look.images, strict=True)
-                   if BASE_COLOUR.name in images and look.looks.skins[one.skin].field is not None})
+    return sorted({images[BASE_COLOUR.name] for material_look, images in zip(look.looks.looks, look.images, strict=True)
+                   if BASE_COLOUR.name in images and look.looks.skins[material_look.skin].field is not None})
 
 
 def _tint_groups(look, numbers):
@@ -90,10 +91,10 @@ def _tint_groups(look, numbers):
     groups: list[list[int]] = []
     thumbs = {number: _LUT[_thumb(look.textures[number].image)] for number in numbers}
     for number in numbers:
-        one = look.textures[number]
+        texture = look.textures[number]
         for group in groups:
             first = look.textures[group[0]]
-            if (_kind(first), first.image.shape) == (_kind(one), one.image.shape) and _are_multiples(
+            if (_kind(first), first.image.shape) == (_kind(texture), texture.image.shape) and _are_multiples(
                     thumbs[group[0]], thumbs[number], 2 * _tolerances(look, number)[0] + 2):
                 group.append(number)
                 break
@@ -107,10 +108,10 @@ def _thumb(image):
     return image[rows, columns, :3]
 
 
-def _are_multiples(one, other, tolerance):
+def _are_multiples(first, other, tolerance):
     """Whether channels of two linear images, float64 [H, W, 3], are multiples of each other, the darker of the brighter."""
     for c in range(3):
-        bright, dark = sorted((one[..., c], other[..., c]), key=np.mean, reverse=True)
+        bright, dark = sorted((first[..., c], other[..., c]), key=np.mean, reverse=True)
         if _rms(_scaled(bright, _ratio(bright, dark)) - 255 * linear_to_srgb(dark)) > tolerance:
             return False
     return True

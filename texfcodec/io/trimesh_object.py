@@ -38,15 +38,15 @@ def _placed(thing, notes):
     """(label, mesh, world matrix) of everything with faces."""
     if not hasattr(thing, "geometry"):
         return [("the mesh", thing, np.eye(4))]
-    found = []
+    meshes = []
     for node in thing.graph.nodes_geometry:
         matrix, name = thing.graph[node]
         mesh = thing.geometry[name]
         if hasattr(mesh, "faces"):
-            found.append((f"mesh '{name}'", mesh, np.asarray(matrix, np.float64)))
+            meshes.append((f"mesh '{name}'", mesh, np.asarray(matrix, np.float64)))
         else:
             notes.lose(f"geometry '{name}' (not triangles)", f"geometry '{name}' is not made of triangles; it is left out")
-    return found
+    return meshes
 
 
 def _part(mesh, matrix, material, label):

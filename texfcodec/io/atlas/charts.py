@@ -151,13 +151,13 @@ def _meets_other_sheet(tri, chart, stamp, depth, write):
                 continue
             gap, wa, wb = nearest_on_triangle(col + 0.5, row + 0.5, ax, ay, bx, by, cx, cy)
             z = wa * tri[0, 2] + wb * tri[1, 2] + (1.0 - wa - wb) * tri[2, 2]
-            mine = 2 * chart + (1 if gap == 0.0 else 0)
+            own_claim = 2 * chart + (1 if gap == 0.0 else 0)
             if write:
-                if claim >> 1 != chart or claim < mine:
-                    stamp[row & mask, col & mask] = mine
+                if claim >> 1 != chart or claim < own_claim:
+                    stamp[row & mask, col & mask] = own_claim
                     depth[row & mask, col & mask] = z
             else:
-                tolerance = OVERLAP_TOLERANCE if claim & mine & 1 else DEPTH_TOLERANCE
+                tolerance = OVERLAP_TOLERANCE if claim & own_claim & 1 else DEPTH_TOLERANCE
                 if abs(depth[row & mask, col & mask] - z) > tolerance:
                     return True
     return False

@@ -53,8 +53,8 @@ class AtlasMaps:
             for number in np.unique(self._which[face]).tolist():
                 chosen = np.flatnonzero(self._which[face] == number)
                 if channel.name in self.texf.fields[number].planes:
-                    asked = self.faces[face[chosen]]
-                    out[chosen] = self.texf.query_planes(number, (channel.name,), points[chosen], asked)[channel.name]
+                    mesh_faces = self.faces[face[chosen]]
+                    out[chosen] = self.texf.query_planes(number, (channel.name,), points[chosen], mesh_faces)[channel.name]
             return out
 
         return ask

@@ -49,8 +49,8 @@ def chart_surface(points: np.ndarray, faces: np.ndarray, seconds: float, threads
     shares = [parts[first :: max(threads, 1)] for first in range(min(max(threads, 1), len(parts)))]
     flat, chart, count = np.zeros((len(faces), 3, 2)), np.zeros(len(faces), np.int64), 0
     of_shares = in_order(lambda share: _of_share(points, faces, share, seconds), shares, threads)
-    for share, found in zip(shares, of_shares, strict=True):
-        for part, (corners, numbers) in zip(share, found, strict=True):
+    for share, share_charts in zip(shares, of_shares, strict=True):
+        for part, (corners, numbers) in zip(share, share_charts, strict=True):
             flat[part], chart[part] = corners, numbers
     for part in parts:
         chart[part] += count
@@ -173,18 +173,18 @@ def run_xatlas(meshes: list, side: int, seconds: float) -> list:
         done = cleanup.run_child([sys.executable, "-c", _CHILD], request.getvalue(), seconds, environment)
         done.check_returncode()
         with np.load(io.BytesIO(done.stdout)) as reply:
-            found = [tuple(reply[f"{name}{i}"] for name in ("flat", "chart", "size")) for i in range(len(meshes))]
+            charts = [tuple(reply[f"{name}{i}"] for name in ("flat", "chart", "size")) for i in range(len(meshes))]
     except subprocess.TimeoutExpired:
         raise QualityFailed(f"xatlas took more than {seconds:g} s") from None
     except subprocess.CalledProcessError as error:
         raise QualityFailed(f"xatlas ended with status {error.returncode}") from None
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise QualityFailed(f"xatlas could not be run ({type(error).__name__})") from None
-    for (flat, chart, size), (_, faces) in zip(found, meshes, strict=True):
+    for (flat, chart, size), (_, faces) in zip(charts, meshes, strict=True):
         if flat.shape != (len(faces), 3, 2) or chart.shape != (len(faces),) or not np.isfinite(flat).all() or size.min() < 1:
             raise QualityFailed("xatlas returned malformed charts")
     return [(*_lent(flat.astype(np.float64), chart, *mesh), size)
-            for (flat, chart, size), mesh in zip(found, meshes, strict=True)]
+            for (flat, chart, size), mesh in zip(charts, meshes, strict=True)]
 
 
 def _child():
@@ -193,8 +193,8 @@ def _child():
     with np.load(io.BytesIO(sys.stdin.buffer.read())) as request:
         named: dict[str, Any] = {}
         for i in range(int(request["count"])):
-            found = _xatlas(request[f"points{i}"], request[f"faces{i}"], int(request["side"]))
-            named |= zip((f"flat{i}", f"chart{i}", f"size{i}"), found, strict=True)
+            arrays = _xatlas(request[f"points{i}"], request[f"faces{i}"], int(request["side"]))
+            named |= zip((f"flat{i}", f"chart{i}", f"size{i}"), arrays, strict=True)
     reply = io.BytesIO()
     np.savez(reply, **named)
     replies.write(reply.getvalue())

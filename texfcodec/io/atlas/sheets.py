@@ -33,14 +33,14 @@ def texel_sheet(texf: Texf, number: int, sheet: tuple[str, ...], texels: tuple[n
     columns, rows = _thinned(part, sheet, *texels)
     support = texel_support(part)
     shift = support.level_shift
-    asked = support.rank[np.ix_(_cells(rows, shift, support.size[1]), _cells(columns, shift, support.size[0]))] >= 0
-    row, column = np.nonzero(asked)
+    referenced = support.rank[np.ix_(_cells(rows, shift, support.size[1]), _cells(columns, shift, support.size[0]))] >= 0
+    row, column = np.nonzero(referenced)
     places = np.column_stack([columns[column], rows[row]])
     values = {name: texel_support(part, name).query(places, part.planes[name], texf.threads) for name in sheet}
-    image = np.zeros((*asked.shape, 4), np.uint8)
+    image = np.zeros((*referenced.shape, 4), np.uint8)
     image[row, column] = sheet_colours(values)
     image = image if any(3 in BY_NAME[name].columns for name in sheet) else np.ascontiguousarray(image[..., :3])
-    fill_gaps(image, asked)
+    fill_gaps(image, referenced)
     return image
 
 

@@ -92,7 +92,7 @@ class AtlasSystem:
             values[lost, :channels] = (right[:channels, lost] / right[channels, lost]).T
         damping = np.float32(max(DAMPING * matrix[:, 0].mean(), 1e-30)) if len(values) else np.float32(1)
 
-        def one(c):
+        def solve(c):
             t = np.ascontiguousarray(values[:, c])
             right[c] += damping * t
             for sweep in range(SWEEPS):
@@ -100,7 +100,7 @@ class AtlasSystem:
             values[:, c] = t
 
         with ThreadPoolExecutor(max(threads, 1)) as pool:
-            list(pool.map(one, range(channels)))
+            list(pool.map(solve, range(channels)))
         return values[:, :channels]
 
     def _equations(self, ask, channels, weighted, threads):

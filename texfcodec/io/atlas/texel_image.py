@@ -90,28 +90,28 @@ def _finer(part, shifts, threads):
     support, shift = part.support, part.support.level_shift
     across, down = shifts
     width, height = support.width >> across, support.height >> down
-    asked = support.rank[np.ix_((np.arange(height) << down) >> shift, (np.arange(width) << across) >> shift)] >= 0
+    referenced = support.rank[np.ix_((np.arange(height) << down) >> shift, (np.arange(width) << across) >> shift)] >= 0
     image = np.zeros((height, width, 4), np.uint8)
     rows = max(BLOCK // width, 1)
     for top in range(0, height, rows):
-        row, column = np.nonzero(asked[top : top + rows])
+        row, column = np.nonzero(referenced[top : top + rows])
         row += top
         texel = np.column_stack([(column + 0.5) * (1 << across), (row + 0.5) * (1 << down)])
         image[row, column] = to_bytes(support.query(texel, part.rgba, threads))
-    return image, asked
+    return image, referenced
 
 
-def _filled(texf, number, image, asked):
+def _filled(texf, number, image, referenced):
     """The image, uint8 [H, W, 4], with colours and alpha where it is not asked, without alpha where that says nothing."""
     if (texf.fields[number].rgba[:, 3] == 255).all():
         image = np.ascontiguousarray(image[..., :3])
-        fill_gaps(image, asked)
+        fill_gaps(image, referenced)
         return image
     filled = image.copy()
-    fill_gaps(filled[..., 3:], asked)
-    visible = asked & (image[..., 3] > 0) if _sees_alpha(texf, number) else asked
-    fill_gaps(filled[..., :3], visible if visible.any() else asked)
-    return np.where(asked[..., None], image, filled)
+    fill_gaps(filled[..., 3:], referenced)
+    visible = referenced & (image[..., 3] > 0) if _sees_alpha(texf, number) else referenced
+    fill_gaps(filled[..., :3], visible if visible.any() else referenced)
+    return np.where(referenced[..., None], image, filled)
 
 
 def _sees_alpha(texf, number):

@@ -96,7 +96,7 @@ def _slot(entry, channel):
 
 def _parameters(entry):
     """Values of all parameters that are not the default, by name; what an extension that is not there would say is not said."""
-    found = {}
+    values = {}
     for parameter in PARAMETERS:
         owner, key = _part_of(entry, parameter.extension), parameter.key
         if "." in key:
@@ -107,8 +107,8 @@ def _parameters(entry):
         value = numbers(owner, key, default)
         value = binary32(value if parameter.count > 1 else (value,))
         if value != parameter.default:
-            found[parameter.name] = value
-    return found
+            values[parameter.name] = value
+    return values
 
 
 def _texture_info(info):

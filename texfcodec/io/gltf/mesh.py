@@ -58,7 +58,7 @@ class MeshReader:
             label = f"mesh {title(entry, index)}"
             parts = [self._primitive(entry, primitive, f"{label} primitive {n}", skinned)
                      for n, primitive in enumerate(primitives)]
-            self._meshes[index, skinned] = [found for found in parts if found is not None]
+            self._meshes[index, skinned] = [mesh_part for mesh_part in parts if mesh_part is not None]
         return self._meshes[index, skinned]
 
     def drop_unused_uv(self) -> None:
@@ -186,21 +186,21 @@ def _is_of_skin(name):
 
 def _influences(source):
     """(joints, weights), each float64 [V, 4 n], of all the sets that a primitive has; None where it has none."""
-    found, number = [], 0
+    sets, number = [], 0
     while source.has(f"JOINTS_{number}") and source.has(f"WEIGHTS_{number}"):
         if any(source.count_of(f"{name}_{number}") != source.count for name in ("JOINTS", "WEIGHTS")):
             return None
-        found.append((source.floats(f"JOINTS_{number}", ("VEC4",), False), source.floats(f"WEIGHTS_{number}", ("VEC4",), True)))
+        sets.append((source.floats(f"JOINTS_{number}", ("VEC4",), False), source.floats(f"WEIGHTS_{number}", ("VEC4",), True)))
         number += 1
-    if not found:
+    if not sets:
         return None
-    joints, weights = (np.concatenate(values, axis=1).astype(np.float64) for values in zip(*found, strict=True))
+    joints, weights = (np.concatenate(values, axis=1).astype(np.float64) for values in zip(*sets, strict=True))
     return joints, weights
 
 
 def _primitives(mesh):
-    found = mesh.get("primitives")
-    return [entry for entry in found if isinstance(entry, dict)] if isinstance(found, list) else []
+    primitives = mesh.get("primitives")
+    return [entry for entry in primitives if isinstance(entry, dict)] if isinstance(primitives, list) else []
 
 
 def _draco_view(primitive):
@@ -269,10 +269,10 @@ class _Draco(_Plain):
     def stored(self, name, kinds):
         if name not in self.ids:
             return super().stored(name, kinds)
-        found = [entry for entry in self.mesh.attributes if entry["unique_id"] == self.ids[name]]
-        if not found:
+        matches = [entry for entry in self.mesh.attributes if entry["unique_id"] == self.ids[name]]
+        if not matches:
             raise InputError("TXF-I12", f"the Draco data has no attribute {name}")
-        data = np.asarray(found[0]["data"]).astype(_DRACO_TYPES.get(found[0]["data_type"], np.float32))
+        data = np.asarray(matches[0]["data"]).astype(_DRACO_TYPES.get(matches[0]["data_type"], np.float32))
         if data.ndim != 2 or f"VEC{data.shape[1]}" not in kinds:
             raise InputError("TXF-I12", f"the Draco attribute {name} has an unexpected shape")
         return data

@@ -56,8 +56,8 @@ def _octahedral(plain):
     """Unit vectors of which x, y and 1 are stored at some number of bits; the fourth component stays."""
     kind = np.int8 if plain.shape[1] == 4 else np.int16
     stored, most = plain.view(kind), np.float32(np.iinfo(kind).max)
-    x, y, one = (stored[:, k].astype(np.float32) for k in range(3))
-    z = one - np.abs(x) - np.abs(y)
+    x, y, unit = (stored[:, k].astype(np.float32) for k in range(3))
+    z = unit - np.abs(x) - np.abs(y)
     under = np.minimum(z, 0)
     x, y = (v + np.where(v >= 0, under, -under) for v in (x, y))
     length = np.sqrt(x * x + y * y + z * z)

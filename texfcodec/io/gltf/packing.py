@@ -87,9 +87,9 @@ class Draco(Plain):
         if len(mesh.faces) * 3 != len(corners):
             document.warnings.append("Draco leaves out " + plural(len(corners) // 3 - len(mesh.faces), "face", "faces")
                                      + " without area")
-        found = {one["unique_id"]: np.asarray(one["data"]) for one in mesh.attributes}
+        arrays = {attribute["unique_id"]: np.asarray(attribute["data"]) for attribute in mesh.attributes}
         ids = _draco_ids(mesh, columns)
-        attributes = {name: document.add_description(found[ids[name]], c.kind, name == "POSITION", c.normalized)
+        attributes = {name: document.add_description(arrays[ids[name]], c.kind, name == "POSITION", c.normalized)
                       for name, c in columns.items()}
         corners = np.asarray(mesh.faces).reshape(-1)
         indices = document.add_description(corners.astype(index_type(len(mesh.points))), "SCALAR")
@@ -102,13 +102,13 @@ class Draco(Plain):
         import DracoPy
 
         bits, side, origin = self._lattice
-        told = {"quantization_range": float(side), "quantization_origin": [float(x) for x in origin]} if side > 0 else {}
+        settings = {"quantization_range": float(side), "quantization_origin": [float(x) for x in origin]} if side > 0 else {}
         more = {"normals": "NORMAL", "tex_coord": "TEXCOORD_0"}
-        told |= {word: columns[name].values.astype(np.float64) for word, name in more.items() if name in columns}
+        settings |= {word: columns[name].values.astype(np.float64) for word, name in more.items() if name in columns}
         rest = {number: np.ascontiguousarray(columns[name].values) for number, name in _generic(columns)}
         return DracoPy.encode(columns["POSITION"].values.astype(np.float32), corners.reshape(-1, 3).astype(np.uint32),
                               quantization_bits=bits, compression_level=_DRACO_LEVEL, generic_attributes=rest or None,
-                              normal_quantization_bits=_NORMAL_BITS, tex_coord_quantization_bits=self._uv_bits, **told)
+                              normal_quantization_bits=_NORMAL_BITS, tex_coord_quantization_bits=self._uv_bits, **settings)
 
 
 def _generic(columns):
@@ -118,7 +118,8 @@ def _generic(columns):
 
 def _draco_ids(mesh, columns):
     """Draco's number of every column; those without a kind of their own were numbered by _packed()."""
-    ids = {one["attribute_type"]: one["unique_id"] for one in mesh.attributes if one["attribute_type"] in _DRACO_KINDS.values()}
+    ids = {attribute["attribute_type"]: attribute["unique_id"] for attribute in mesh.attributes
+           if attribute["attribute_type"] in _DRACO_KINDS.values()}
     named = {name: ids[kind] for name, kind in _DRACO_KINDS.items() if name in columns}
     return named | {name: number for number, name in _generic(columns)}
 
@@ -173,13 +174,13 @@ def _add_vertices(document, package, values):
     row = values.itemsize * values.shape[1]
     padded = np.zeros((len(values), row + -row % 4), np.uint8)
     padded[:, :row] = np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"))).view(np.uint8).reshape(len(values), row)
-    told = {"mode": "ATTRIBUTES"}
+    coding = {"mode": "ATTRIBUTES"}
     if values.dtype == np.float32 and (values == np.rint(values)).all() and np.abs(values).max(initial=0) < 1 << 23:
         padded = (values.astype(np.int32) & 0xFFFFFF).astype("<u4").view(np.uint8)  # mantissas of exponent 0
-        told["filter"] = "EXPONENTIAL"
+        coding["filter"] = "EXPONENTIAL"
     package.encode_vertex_version(0)  # the one that the extension knows
     packed = package.encode_vertex_buffer(np.ascontiguousarray(padded), *padded.shape)
-    return document.add_packed_view(packed, len(padded), padded.shape[1], told, ARRAY)
+    return document.add_packed_view(packed, len(padded), padded.shape[1], coding, ARRAY)
 
 
 def _meshopt_package():

@@ -61,15 +61,15 @@ def _scene_of_stream(document):
             return None
         report = Report()
         texf = decode_stream(stream, DecodeOptions(limits=notes.limits), report)
-        written, told = as_glb(texf, texture_format="png")
+        written, save_report = as_glb(texf, texture_format="png")
         scene = read_gltf(written, Path(), Notes(notes.strict, notes.limits))
     except TexfError as error:
         notes.fault("TXF-I25", f"the carried stream cannot be decoded ({error}); its fallback is read", "the carried stream")
         return None
     size = plural(len(stream), "byte", "bytes")
     notes.remark(f"the carried stream ({size}) is read instead of its fallback")
-    scene.warnings = [*notes.warnings, *report.warnings, *told["warnings"], *scene.warnings]
-    scene.remarks = [*notes.remarks, *told["remarks"], *scene.remarks]
+    scene.warnings = [*notes.warnings, *report.warnings, *save_report["warnings"], *scene.warnings]
+    scene.remarks = [*notes.remarks, *save_report["remarks"], *scene.remarks]
     scene.metadata = texf.metadata
     return scene
 
@@ -87,7 +87,7 @@ def _scene_of_nodes(document):
 
     meshes = MeshReader(document, look_of)
     parts, shown = _read_nodes(document, meshes)
-    if not any(len(found.faces) for found in parts):
+    if not any(len(part.faces) for part in parts):
         raise no_triangles(", ".join(f"{plural(n, 'primitive', 'primitives')} of {kind}" for kind, n in meshes.beside.items()))
     meshes.drop_unused_uv()
     shelf = TextureShelf(notes)
@@ -124,9 +124,9 @@ def _read_nodes(document, meshes):
         order.append(index)
         world = above @ _local_matrix(node)
         if "mesh" in node:
-            found = meshes.read(_reference(node, "mesh"), skinned="skin" in node)
-            placed = rest.posed(found, node["skin"], f"node {title(node, index)}") if "skin" in node else None
-            placed = placed or [_place(part, world) for part in found]
+            mesh_parts = meshes.read(_reference(node, "mesh"), skinned="skin" in node)
+            placed = rest.posed(mesh_parts, node["skin"], f"node {title(node, index)}") if "skin" in node else None
+            placed = placed or [_place(part, world) for part in mesh_parts]
             parts += placed
             faces += sum(len(part.faces) for part in placed)
             check_face_count(faces)
@@ -158,10 +158,10 @@ def _reference(entry, key):
 
 
 def _references(entry, key):
-    found = entry.get(key, [])
-    if not isinstance(found, list) or not all(is_index(index) for index in found):
+    indices = entry.get(key, [])
+    if not isinstance(indices, list) or not all(is_index(index) for index in indices):
         raise malformed(f"'{key}' is not an array of indices")
-    return found
+    return indices
 
 
 def _local_matrix(node):
@@ -253,10 +253,10 @@ def _metadata(document, shown):
 
 
 def _extras(document, asset):
-    found = {"asset": asset["extras"]} if asset.get("extras") else {}
+    extras = {"asset": asset["extras"]} if asset.get("extras") else {}
     for kind in ("scenes", "nodes", "meshes", "materials"):
         named = {name_of(entry) or str(index): entry["extras"]
                  for index, entry in enumerate(document.entries(kind)) if entry.get("extras")}
         if named:
-            found[kind] = named
-    return found
+            extras[kind] = named
+    return extras

@@ -75,10 +75,11 @@ class Rest:
                 if len(rows) < len(joints):
                     raise malformed("a skin has fewer inverse bind matrices than joints", value=len(rows), allowed=len(joints))
                 bind = rows[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
-            found = np.array([self._world(joint) @ matrix for joint, matrix in zip(joints, bind, strict=True)]).reshape(-1, 4, 4)
-            if not np.isfinite(found).all():
+            matrices = np.array([self._world(joint) @ matrix for joint, matrix in zip(joints, bind, strict=True)])
+            matrices = matrices.reshape(-1, 4, 4)
+            if not np.isfinite(matrices).all():
                 raise malformed("a skin has matrices that are NaN or infinite")
-            self._skins[skin] = found[:, :3]
+            self._skins[skin] = matrices[:, :3]
         return self._skins[skin]
 
     def _posed(self, part, matrices):

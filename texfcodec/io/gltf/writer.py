@@ -82,9 +82,9 @@ class Document:
             accessor["normalized"] = True
         return self.add("accessors", accessor)
 
-    def add_packed_view(self, packed: bytes, count: int, stride: int, told: dict, target: int) -> int:
-        """A bufferView of count elements of stride bytes that meshopt has packed. told: mode and filter of the extension."""
-        inner = {"buffer": 0, "byteOffset": self.length, "byteLength": len(packed), "byteStride": stride, "count": count} | told
+    def add_packed_view(self, packed: bytes, count: int, stride: int, coding: dict, target: int) -> int:
+        """A bufferView of count elements of stride bytes that meshopt has packed. coding: mode and filter of the extension."""
+        inner = {"buffer": 0, "byteOffset": self.length, "byteLength": len(packed), "byteStride": stride, "count": count} | coding
         self.pieces.append(packed + b"\0" * (-len(packed) % 4))
         self.length += len(self.pieces[-1])
         view = {"buffer": 1, "byteOffset": self.unpacked, "byteLength": count * stride, "target": target,
@@ -131,9 +131,10 @@ def textured(texf: Texf, look: Textured, images: list[tuple[ImageFormat, str | b
     keys = (np.ascontiguousarray(column.values).view(np.int32).T for column in columns.values())
     first, index = unique_corners(looks, corner, *(row for key in keys for row in key))
     columns = {name: column._replace(values=column.values[first]) for name, column in columns.items()}
-    entries = [write_material(one.material if one.mapped else _without_direction(one.material, document.warnings), images)
-               for one, images in zip(look.looks.looks, look.images, strict=True)]
-    groups = _Groups(looks[first], look.looks.face_look, entries, [_unused(one) for one in look.looks.looks])
+    materials = [part.material if part.mapped else _without_direction(part.material, document.warnings)
+                 for part in look.looks.looks]
+    entries = [write_material(material, images) for material, images in zip(materials, look.images, strict=True)]
+    groups = _Groups(looks[first], look.looks.face_look, entries, [_unused(part) for part in look.looks.looks])
     _add_surface(document, texf, corner[first], index.reshape(-1, 3), groups, columns, packing)
     for texture, (form, image) in zip(look.textures, images, strict=True):
         _add_texture(document, texture, form, image)
@@ -155,7 +156,7 @@ def _columns(texf, look):
                "NORMAL": Column(_written_normals(texf, look).reshape(-1, 3), "VEC3")}
     if look.corner_tangent is not None:
         columns["TANGENT"] = Column(_written_tangents(look).reshape(-1, 4), "VEC4")
-    if any(one.colours is not None for one in look.looks.looks):
+    if any(part.colours is not None for part in look.looks.looks):
         columns["COLOR_0"] = Column(_written_colours(look.looks).reshape(-1, 4), "VEC4", True)
     return columns
 

@@ -20,14 +20,29 @@ _DAMAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, Arithmet
 
 
 def load(source: object, strict: bool = False, limits: Limits | None = None) -> Scene:
-    """A mesh file or mesh object -> Scene in world space.
+    """Read a mesh file or a mesh object.
 
-    source: path of a file in one of formats.FORMATS; its bytes, or a file object open for reading bytes, whose format is that
-    of its name where it has one with a suffix, else by the first bytes; or a trimesh.Trimesh, trimesh.Scene or Scene (returned
-    as it is, after a check). strict: missing textures, broken images and broken UVs are errors instead of warnings. limits: of
-    images, by their pixels, and of a stream that a GLB or glTF carries, which is read in place of the meshes beside it. Positions
-    of COLLADA and 3MF, which state unit and axes, are in metres with Y up; those of all other formats are as the file has them.
-    Errors: InputError, SupportError, LimitError with codes of texfcodec/findings.py; nothing else.
+    Parameters
+    ----------
+    source : str, PathLike, bytes-like, file object, trimesh.Trimesh, trimesh.Scene or Scene
+        A path of a file in one of formats.FORMATS; the bytes of such a file, or a file object open for reading them; or a mesh in
+        memory. The suffix of a file object's name gives its format; without a known suffix the first bytes do.
+    strict : bool
+        Whether missing textures, broken images and broken UVs are errors instead of warnings.
+    limits : Limits, optional
+        Limits of images, by their pixels, and of a stream that a GLB or glTF carries. Such a stream is read in place of the
+        meshes beside it.
+
+    Returns
+    -------
+    Scene
+        The mesh in world space. COLLADA and 3MF state unit and axes: their positions are in metres with Y up. Positions of all
+        other formats are as the file has them. A Scene is checked and returned as it is.
+
+    Raises
+    ------
+    InputError, SupportError, LimitError
+        Codes TXF-I01 to I41 of texfcodec/findings.py; nothing else is raised.
     """
     notes = Notes(strict, limits)
     if isinstance(source, (str, os.PathLike)):
@@ -61,8 +76,8 @@ def _load_file(path, notes):
 
 
 def _load_data(data, name, notes):
-    """Scene of bytes, by their name where they have one, a path as text. Files that they name are looked for beside that path,
-    or in the working folder."""
+    """Scene of the bytes of a file. name: its path as text, or None. Files that the data name are looked for beside that path, or
+    in the working folder if there is none."""
     if not data:
         raise InputError("TXF-I04", "the data is empty", path=name)
     path = Path(name or "")
@@ -89,13 +104,14 @@ def _read_object(file):
 
 
 def _name_of(file):
-    """The name of a file object, None where it has none; files that were opened by a number are called by it."""
+    """The name of a file object, or None. The name of a file that was opened by its descriptor is a number, which does not
+    count."""
     name = getattr(file, "name", None)
     return os.fspath(name) if isinstance(name, (str, os.PathLike)) and name else None
 
 
 def _scene_of(data, path, entry, notes):
-    """Scene of the bytes of a file in a format; path: of the file, beside which others are that it names."""
+    """Scene of the bytes of a file. path: of the file; other files that it names are beside it. entry: its Format."""
     if entry.text:
         data = as_utf8(data)
     check_start(data, entry)
@@ -106,7 +122,20 @@ def _scene_of(data, path, entry, notes):
 
 
 def no_metal(scene: Scene) -> Scene:
-    """The Scene, of a format that knows no metal, with materials that are none: glTF's own default is one."""
+    """Set metalness to 0 in materials that do not state it, in place, and return the Scene.
+
+    Formats without metalness mean materials that are not metal, while glTF's default is 1.
+
+    Parameters
+    ----------
+    scene : Scene
+        A Scene from a file in a format other than glTF.
+
+    Returns
+    -------
+    Scene
+        The same Scene.
+    """
     for material in scene.materials:
         if material.parameters.setdefault("metallic", (0.0,)) == (1.0,):  # the file says metal, which is the default
             del material.parameters["metallic"]
@@ -114,7 +143,7 @@ def no_metal(scene: Scene) -> Scene:
 
 
 def _read_file(path):
-    """bytes of the file, never empty."""
+    """Bytes of a file, never empty. Raises InputError TXF-I01 to I04."""
     try:
         if path.is_dir():
             raise InputError("TXF-I02", "the path is a directory", path=str(path))
@@ -129,6 +158,7 @@ def _read_file(path):
 
 
 def _guarded(read, code):
+    """What read() returns. Exceptions of damaged input become InputError with this code."""
     try:
         with np.errstate(all="ignore"):  # overflow and NaN reach assemble as values, which it refuses or names
             return read()

@@ -1,4 +1,4 @@
-"""Files that are written: everything under a temporary name first, then renamed; nothing that was read is replaced."""
+"""Writing files: all under temporary names first, then renamed. No file that was read is replaced."""
 
 from __future__ import annotations
 
@@ -16,7 +16,20 @@ from .own_files import own_sides
 
 
 def check_target(path: Path, inputs: Iterable[str | PathLike] = ()) -> None:
-    """Refuse hopeless paths before minutes of baking, and files that were read. inputs: paths."""
+    """Refuse an output path before minutes of baking.
+
+    Parameters
+    ----------
+    path : Path
+        The main file.
+    inputs : iterable of str or PathLike
+        Files that were read.
+
+    Raises
+    ------
+    InputError
+        TXF-O01 to O04 the path cannot be written, TXF-O07 it is an input.
+    """
     try:
         if not path.parent.is_dir():
             raise InputError("TXF-O01", "the folder does not exist", path=str(path.parent))
@@ -28,7 +41,20 @@ def check_target(path: Path, inputs: Iterable[str | PathLike] = ()) -> None:
 
 
 def check_no_input(path: Path, inputs: Iterable[str | PathLike]) -> None:
-    """InputError TXF-O07 where path is, by whatever spelling or link, one of the files that were read."""
+    """Refuse an output that is an input under any spelling or link.
+
+    Parameters
+    ----------
+    path : Path
+        The output.
+    inputs : iterable of str or PathLike
+        Files that were read.
+
+    Raises
+    ------
+    InputError
+        TXF-O07, path is one of the inputs.
+    """
     for read in inputs:
         try:
             same = os.path.samefile(path, read)
@@ -40,8 +66,26 @@ def check_no_input(path: Path, inputs: Iterable[str | PathLike]) -> None:
 
 def check_sides(folder: Path, names: Iterable[str], inputs: Iterable[str | PathLike], overwrite: bool,
                 own: frozenset[str] = frozenset()) -> None:
-    """Files that the user did not name: InputError TXF-O07 for one that was read, TXF-O08 for one that is there already. own:
-    names of those that the output came with when it was written before, which may be replaced."""
+    """Refuse side files, which the user did not name, that would replace other files.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the side files.
+    names : iterable of str
+        Names of the side files.
+    inputs : iterable of str or PathLike
+        Files that were read.
+    overwrite : bool
+        Whether side files may replace existing files.
+    own : frozenset of str
+        Names of side files of the previous output at this path (own_sides()), which may be replaced.
+
+    Raises
+    ------
+    InputError
+        TXF-O07 a side file is an input, TXF-O08 it exists already.
+    """
     for name in names:
         check_no_input(folder / name, inputs)
         if not overwrite and name not in own and os.path.lexists(folder / name):
@@ -50,10 +94,23 @@ def check_sides(folder: Path, names: Iterable[str], inputs: Iterable[str | PathL
 
 
 def write_all(folder: Path, files: list[tuple[str, Any]], inputs: Iterable[str | PathLike] = (), overwrite: bool = True) -> None:
-    """Write all files under temporary names, then rename them in order (main file last); remove the temporaries on failure.
+    """Write all files under temporary names, then rename them in order; remove the temporary files on failure.
 
-    files: [(name, pieces)], pieces being bytes-like items or a function of the open file. inputs: paths that no file may
-    replace; overwrite: whether all but the last may replace what is there.
+    Parameters
+    ----------
+    folder : Path
+        Folder of the files.
+    files : list of (str, pieces)
+        Names and contents, the main file last. Pieces are bytes-like items or a function of the open file.
+    inputs : iterable of str or PathLike
+        Files that no output may replace.
+    overwrite : bool
+        Whether side files may replace existing files.
+
+    Raises
+    ------
+    InputError
+        TXF-O01 to O04 the operating system refused, TXF-O07 and O08 as check_sides().
     """
     token = secrets.token_hex(4)
     names = [(folder / f".{name}.{token}.tmp", folder / name) for name, _ in files]
@@ -75,7 +132,20 @@ def write_all(folder: Path, files: list[tuple[str, Any]], inputs: Iterable[str |
 
 
 def as_input_error(error: OSError, path: Path) -> InputError:
-    """The InputError (TXF-O01 to O04) that an OSError while writing path, a Path, stands for."""
+    """Translate an error of the operating system.
+
+    Parameters
+    ----------
+    error : OSError
+        The error while writing.
+    path : Path
+        The output.
+
+    Returns
+    -------
+    InputError
+        TXF-O01 to O04.
+    """
     if error.errno in (errno.ENOENT, errno.ENOTDIR):
         return InputError("TXF-O01", "the folder does not exist", path=str(path.parent))
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.EISDIR):

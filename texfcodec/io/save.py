@@ -21,24 +21,46 @@ if TYPE_CHECKING:
 
 def save(texf: Texf, path: str | PathLike, appearance: str | None = None, texture_size: int | None = None, atlas: str = "auto",
          overwrite: bool = False, inputs: Iterable[str | PathLike] = (), **options: Any) -> dict:
-    """Write a decoded stream; the suffix of path chooses the format.
+    """Write a decoded stream to files; after an error nothing half-written remains.
 
-    texf: decoded stream (Texf). appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres);
-    None means texture, but vertex for PLY, which has no texture, and for materials of a GLB or glTF whose field is shown as well
-    by colours at vertices, see vertex_fit.py. With texture a field over texels keeps its image and its UVs,
-    and all fields over voxels are baked into one atlas; an NPZ holds every decoded array, see npz_write.arrays().
-    texture_size: side of the atlas in texels or None; atlas: "auto", "quality" or "fast"; fields over texels have no part in
-    them. options: the rest of SaveOptions; texture_format is for textures, other than PNG and JPEG for glTF, and compress for
-    glTF's meshes. Side files (.bin, .png, .mtl) take the name of path; several images are numbered from 0, the atlas first.
-    overwrite: whether side files may replace what is there; path itself always may. inputs: paths that nothing may replace.
-    Returns {"warnings": [one sentence each], "dropped": [names of what the format cannot hold, each in a warning too],
-    "remarks": [sentences on what changes no picture], "files": [names written], "seams": measure_seams() of the atlas or None,
-    "carried": {"stream": bytes of the stream that is carried, "fallback": bytes of all else that is written} or None}.
-    Raises InputError: TXF-O01 no such directory, TXF-O02 not writable, TXF-O03 disk full, TXF-O04 other operating system error,
-    TXF-O05 suffix, TXF-O06 appearance, TXF-O07 a file would replace an input, TXF-O08 a side file is there already, TXF-O10..O12
-    atlas, TXF-O13 no voxels, TXF-O14 texture format, quality or compression, TXF-O18 a stream in another format; SupportError
-    TXF-O15 a package is missing.
-    After an error nothing half-written remains.
+    Parameters
+    ----------
+    texf : Texf
+        The decoded stream.
+    path : str or PathLike
+        The main file. Its suffix chooses the format: .glb, .gltf, .obj, .ply or .npz. Side files (.bin, .png, .mtl) take its
+        name; several images are numbered from 0, the atlas first.
+    appearance : {"texture", "vertex", "voxels"}, optional
+        "texture": fields over texels keep their images and UVs, and all fields over voxels are baked into one atlas. "vertex":
+        colours at vertices. "voxels": a point cloud of voxel centres. None means "texture", but "vertex" for PLY, which has no
+        textures, and for materials of a GLB or glTF if colours at vertices show their field as well as an image (vertex_fit.py).
+        An NPZ holds every decoded array (npz.arrays()).
+    texture_size : int, optional
+        Side of the atlas in texels. Fields over texels ignore it, and atlas too.
+    atlas : {"auto", "quality", "fast"}
+        Method of the atlas.
+    overwrite : bool
+        Whether side files may replace existing files. The main file always may.
+    inputs : iterable of str or PathLike
+        Files that no output may replace.
+    **options
+        The other fields of SaveOptions.
+
+    Returns
+    -------
+    dict
+        "files": names written; "warnings": sentences; "dropped": names of what the format cannot hold, each in a warning too;
+        "remarks": sentences on what changes no picture; "seams": measure_seams() of the atlas, or None; "carried": None, or
+        {"stream": bytes of the carried stream, "fallback": bytes of all else that is written}.
+
+    Raises
+    ------
+    InputError
+        TXF-O01 no such directory, TXF-O02 not writable, TXF-O03 disk full, TXF-O04 other operating system error, TXF-O05 suffix,
+        TXF-O06 appearance, TXF-O07 a file would replace an input, TXF-O08 a side file exists already, TXF-O10 to O12 atlas,
+        TXF-O13 no voxels, TXF-O14 texture format, quality or compression, TXF-O18 a stream in another format.
+    SupportError
+        TXF-O15, a package is missing.
     """
     path = Path(path)
     wanted = SaveOptions(appearance=appearance, texture_size=texture_size, atlas=atlas, **options)
@@ -52,17 +74,52 @@ def save(texf: Texf, path: str | PathLike, appearance: str | None = None, textur
 
 
 def as_glb(texf: Texf, **options: Any) -> tuple[bytes, dict]:
-    """The bytes of the GLB that save() would write, and what it would return without files: (bytes, {"warnings",
-    "dropped", "remarks", "seams", "carried"}). options: SaveOptions."""
+    """Make the GLB that save() would write, in memory.
+
+    Parameters
+    ----------
+    texf : Texf
+        The decoded stream.
+    **options
+        Fields of SaveOptions.
+
+    Returns
+    -------
+    tuple of bytes and dict
+        The bytes of the GLB, and the result of save() without "files".
+
+    Raises
+    ------
+    InputError, SupportError
+        As save(), but for paths.
+    """
     return _in_one_piece(texf, ".glb", SaveOptions(**options))
 
 
 def save_into(texf: Texf, file: BinaryIO, form: str | None = None, **options: Any) -> dict:
-    """Writes what save() would, into a file object open for writing bytes.
+    """Write what save() would write into a file object.
 
-    form: "glb", "ply", "npz" or "obj", or None for the suffix of the object's name. options: SaveOptions. Returns as save(),
-    "files" being empty. Raises InputError, SupportError as save(); TXF-O05 also where the format has several files, as glTF and
-    OBJ with textures do.
+    Parameters
+    ----------
+    texf : Texf
+        The decoded stream.
+    file : BinaryIO
+        A file object open for writing bytes.
+    form : {"glb", "ply", "npz", "obj"}, optional
+        The format; None means the suffix of the file object's name.
+    **options
+        Fields of SaveOptions.
+
+    Returns
+    -------
+    dict
+        As save(); "files" is empty.
+
+    Raises
+    ------
+    InputError, SupportError
+        As save(). TXF-O05 also if the format has several files, as glTF and OBJ with textures have; TXF-O04 if the object does
+        not accept bytes.
     """
     name = getattr(file, "name", None)
     suffix = "." + form.lower().removeprefix(".") if form else Path(name).suffix.lower() if isinstance(name, str) else ""
@@ -78,8 +135,7 @@ def save_into(texf: Texf, file: BinaryIO, form: str | None = None, **options: An
 
 
 def _in_one_piece(texf: Texf, suffix: str, options: SaveOptions) -> tuple[bytes, dict]:
-    """(bytes, what save() returns but for files) of a format that needs no file beside it. Raises InputError TXF-O05 for
-    others."""
+    """(bytes, result of save() without "files") in a format without side files. Raises InputError TXF-O05 for other formats."""
     path = Path("stream" + suffix)
     choice = choose(texf, path, options)
     if side_names(path, choice):
@@ -94,6 +150,20 @@ def _in_one_piece(texf: Texf, suffix: str, options: SaveOptions) -> tuple[bytes,
 
 
 def check_choices(path: str | PathLike, **options: Any) -> None:
-    """What save() can refuse of its options (SaveOptions) before anything is decoded: InputError TXF-O05, TXF-O06, TXF-O14
-    and TXF-O18, SupportError TXF-O15."""
+    """Refuse options that save() would refuse for every stream.
+
+    Parameters
+    ----------
+    path : str or PathLike
+        The path that save() would get.
+    **options
+        Fields of SaveOptions.
+
+    Raises
+    ------
+    InputError
+        TXF-O05 suffix, TXF-O06 appearance, TXF-O14 texture format, quality or compression, TXF-O18 a stream in another format.
+    SupportError
+        TXF-O15, a package is missing.
+    """
     choose(None, Path(path), SaveOptions(**options))

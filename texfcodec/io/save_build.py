@@ -33,8 +33,21 @@ Images = list[tuple[ImageFormat, bytes]]
 
 @dataclass(frozen=True, kw_only=True)
 class SaveReport:
-    """What save() reports. dropped: names of what the format cannot hold, each in a warning too; remarks: notes that change no
-    picture; seams: of the atlas; carried: bytes of a stream and of all else."""
+    """What save() reports.
+
+    Parameters
+    ----------
+    warnings : tuple of str
+        Sentences on what will look different.
+    dropped : tuple of str
+        Names of what the format cannot hold; each is in a warning too.
+    remarks : tuple of str
+        Sentences on what changes no picture.
+    seams : dict, optional
+        measure_seams() of the atlas.
+    carried : dict, optional
+        Bytes of the carried stream ("stream") and of all else ("fallback").
+    """
 
     warnings: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
@@ -43,23 +56,43 @@ class SaveReport:
     carried: dict | None = None
 
     def result(self) -> dict:
-        """What save() returns, but for the files."""
+        """The result of save() without "files"."""
         return {"warnings": list(self.warnings), "dropped": list(self.dropped), "remarks": list(self.remarks),
                 "seams": self.seams, "carried": self.carried}
 
     def warn(self, texts: Iterable[str]) -> SaveReport:
-        """The report with more warnings."""
+        """The report with more warnings. texts: sentences."""
         return replace(self, warnings=(*self.warnings, *texts))
 
     def drop(self, form: str, names: Iterable[str]) -> SaveReport:
-        """The report with names of what a format cannot hold."""
+        """The report with more dropped names, each in a warning too. form: the format, as warnings call it."""
         names = tuple(names)
         texts = (f"{form} cannot hold {name}: it is not written" for name in names)
         return replace(self.warn(texts), dropped=(*self.dropped, *names))
 
 
 def build(texf: Texf, path: Path, choice: SaveChoice) -> tuple[Files, SaveReport]:
-    """(files with the main one last, SaveReport) of a choice. path: of the main file. Raises InputError TXF-O10..O12."""
+    """Build the files of a saved stream in memory.
+
+    Parameters
+    ----------
+    texf : Texf
+        The decoded stream.
+    path : Path
+        The main file, which gives all files their names.
+    choice : SaveChoice
+        How the stream is saved.
+
+    Returns
+    -------
+    tuple of Files and SaveReport
+        (name, pieces) of each file, the main file last; the report.
+
+    Raises
+    ------
+    InputError
+        TXF-O10 to O12, the atlas.
+    """
     report = SaveReport(warnings=choice.warnings, remarks=choice.remarks)
     return _BUILDERS[choice.suffix](texf, path, choice, report)
 
@@ -85,7 +118,7 @@ def _carry(document: Document, choice: SaveChoice) -> None:
 
 
 def _counted(files: Files, choice: SaveChoice) -> dict | None:
-    """Bytes of the stream that files carry and of all else in them, None if they carry none."""
+    """{"stream": bytes of the carried stream, "fallback": bytes of all else in the files}, or None without a stream."""
     stream = choice.options.stream
     if stream is None:
         return None
@@ -169,7 +202,7 @@ _BUILDERS = {".glb": _glb, ".gltf": _gltf, ".obj": _obj, ".ply": _ply, ".npz": _
 
 
 def _name_losses(texf: Texf, report: SaveReport, form: str, appearance: str, held: frozenset) -> SaveReport:
-    """The report with names of what the stream has and a format cannot hold. held: effects that it can, of lost_effects.py."""
+    """The report with the losses of a format. held: effects that the format can hold, IN_MTL or IN_COLOURS."""
     report = report.drop(form, ["metadata"] * bool(texf.metadata))
     if appearance == "voxels":
         return report
@@ -182,7 +215,7 @@ def _name_losses(texf: Texf, report: SaveReport, form: str, appearance: str, hel
 
 
 def _textured(texf: Texf, choice: SaveChoice, report: SaveReport) -> tuple[Textured, Images, SaveReport]:
-    """(Textured, its textures as image files, the report with warnings and seams)."""
+    """(Textured, its textures as image files, the report with the warnings and seams of both)."""
     from .output_textures import textured
 
     assert choice.looks is not None  # of what is written with images
@@ -201,7 +234,7 @@ def _textured(texf: Texf, choice: SaveChoice, report: SaveReport) -> tuple[Textu
 
 
 def _encoded(look: Textured, choice: SaveChoice, threads: int) -> tuple[Images, list[str]]:
-    """(textures of a Textured as image files, warnings); several are encoded at a time."""
+    """(textures of a Textured as image files, warnings). Several images are encoded at a time."""
     options = choice.options
     wanted = None if options.texture_format == AUTO else IMAGE_FORMATS[options.texture_format]
     fitting = [(None, ()) if wanted is None else format_for(texture.image, wanted) for texture in look.textures]
@@ -218,6 +251,6 @@ def _encoded(look: Textured, choice: SaveChoice, threads: int) -> tuple[Images, 
 
 
 def _image_files(stem: str, images: Images) -> Files:
-    """Images beside a mesh file of that stem."""
+    """(name, pieces) of images beside a mesh file. stem: name of the mesh file without suffix."""
     names = image_names(stem, [form for form, _ in images])
     return [(name, [data]) for name, (_, data) in zip(names, images, strict=True)]

@@ -1,4 +1,4 @@
-"""How a decoded stream is saved: what a request leaves open is chosen, and what it cannot have is refused."""
+"""How a decoded stream is saved: choose() fills in what a request leaves open and refuses what cannot be had."""
 
 from __future__ import annotations
 
@@ -25,11 +25,22 @@ IN_OBJ = (AUTO, "png", "jpeg")  # formats of images that readers of MTL take
 class SaveOptions:
     """A request to save.
 
-    appearance: "texture", "vertex" (colours at vertices), "voxels" (point cloud of voxel centres) or None; texture_size: side of
-    the atlas in texels or None; atlas: "auto", "quality" or "fast"; texture_format: "auto" for JPEG if that costs hardly any
-    quality, else PNG, or "png", "jpeg", "webp", "avif", "ktx2"; texture_quality: 1..100, or None for the format's own; compress:
-    "none", "draco" or "meshopt"; stream: the bytes of a .texf stream, of which the asset is a coarse level, that a GLB or glTF
-    carries as it is (docs/guide/TEXF_stream.md), or None.
+    Parameters
+    ----------
+    appearance : {"texture", "vertex", "voxels"}, optional
+        Images, colours at vertices, or a point cloud of voxel centres; None leaves it open.
+    texture_size : int, optional
+        Side of the atlas in texels.
+    atlas : {"auto", "quality", "fast"}
+        Method of the atlas.
+    texture_format : {"auto", "png", "jpeg", "webp", "avif", "ktx2"}
+        Format of images; "auto" is JPEG if that costs hardly any quality, else PNG.
+    texture_quality : int, optional
+        1..100; None means the format's own.
+    compress : {"none", "draco", "meshopt"}
+        Compression of a glTF's meshes.
+    stream : bytes, optional
+        A .texf stream that a GLB or glTF carries as it is (docs/guide/TEXF_stream.md); the asset is its coarse level.
     """
 
     appearance: str | None = None
@@ -42,15 +53,29 @@ class SaveOptions:
 
     @property
     def settles_images(self) -> bool:
-        """Whether the request says anything of images that only these can have."""
+        """Whether the request has an option that only images have."""
         return self.texture_size is not None or self.atlas != "auto" or self.texture_format != AUTO
 
 
 @dataclass(frozen=True, kw_only=True)
 class SaveChoice:
-    """How a stream is saved. suffix: of the main file; appearance: as of SaveOptions, never None; options: the request; looks: of
-    a surface that is written with images, None without; sketched: whether colours are at vertices because the format has no
-    place for images; warnings, remarks: sentences on the choice."""
+    """How a stream is saved.
+
+    Parameters
+    ----------
+    suffix : str
+        Suffix of the main file, such as ".glb".
+    appearance : {"texture", "vertex", "voxels"}
+        The appearance that was chosen.
+    options : SaveOptions
+        The request.
+    looks : Looks, optional
+        Looks of a surface that is written with images, else None.
+    sketched : bool
+        Whether colours are at vertices because the format has no place for images.
+    warnings, remarks : tuple of str
+        Sentences on the choice.
+    """
 
     suffix: str
     appearance: str
@@ -62,7 +87,21 @@ class SaveChoice:
 
 
 def choose(texf: Texf | None, path: Path, options: SaveOptions) -> SaveChoice:
-    """Choose how a stream is saved; without one, check the request alone.
+    """Choose how a stream is saved.
+
+    Parameters
+    ----------
+    texf : Texf or None
+        The decoded stream; None checks the request alone.
+    path : Path
+        The main file.
+    options : SaveOptions
+        The request.
+
+    Returns
+    -------
+    SaveChoice
+        Without texf it has no looks.
 
     Raises
     ------
@@ -93,8 +132,8 @@ def choose(texf: Texf | None, path: Path, options: SaveOptions) -> SaveChoice:
 
 
 def _looks(texf: Texf, suffix: str, appearance: str, settled: bool) -> tuple[Looks | None, tuple[str, ...]]:
-    """(Looks of a surface that is written with images, None if none are; remarks). settled: whether colours have to be where the
-    appearance says."""
+    """(Looks of a surface that is written with images, else None; remarks). settled: whether the request rules out colours at
+    vertices in place of images."""
     if appearance != "texture" or suffix not in (".glb", ".gltf", ".obj"):
         return None, ()
     looks = looks_of(texf, MTL_CHANNELS if suffix == ".obj" else None, suffix != ".obj" and not settled)
@@ -105,7 +144,8 @@ def _looks(texf: Texf, suffix: str, appearance: str, settled: bool) -> tuple[Loo
 
 
 def _check_packing(suffix: str, appearance: str, options: SaveOptions) -> None:
-    """InputError TXF-O14 or TXF-O18, or SupportError TXF-O15, if texture format, compression and stream do not fit the output."""
+    """Refuse a texture format, compression or stream that does not fit the output: InputError TXF-O14, TXF-O18, SupportError
+    TXF-O15."""
     if options.stream is not None and suffix not in (".glb", ".gltf"):
         raise InputError("TXF-O18", "only GLB and glTF can carry a stream", value=suffix, allowed=".glb .gltf")
     check_image_format(options.texture_format, options.texture_quality)
@@ -123,7 +163,7 @@ def _check_packing(suffix: str, appearance: str, options: SaveOptions) -> None:
 
 
 def _without_voxels(texf: Texf) -> list[str]:
-    """Warnings on what appearance "voxels" leaves out; InputError TXF-O13 if nothing would be left."""
+    """Warnings on the faces that appearance "voxels" leaves out. Raises InputError TXF-O13 if it would leave out all."""
     bare = [number for number, part in enumerate(texf.fields) if part.over_texels]
     if bare and len(bare) == len(texf.fields):
         raise InputError("TXF-O13", "every field of the stream is over texels: there are no voxels to write", value=len(bare))
@@ -132,7 +172,20 @@ def _without_voxels(texf: Texf) -> list[str]:
 
 
 def side_names(path: Path, choice: SaveChoice) -> list[str]:
-    """Names of the files beside path, known before the work, but for images that have to be PNG."""
+    """Names of the side files, known before the work. An image that its format cannot hold gets the suffix of PNG later.
+
+    Parameters
+    ----------
+    path : Path
+        The main file.
+    choice : SaveChoice
+        How the stream is saved.
+
+    Returns
+    -------
+    list of str
+        File names without folder, images first.
+    """
     stem = path.stem if choice.suffix == ".gltf" else without_blanks(path.stem)
     count = choice.looks.image_count if choice.looks is not None and choice.suffix != ".glb" else 0
     form = IMAGE_FORMATS["png" if choice.options.texture_format == AUTO else choice.options.texture_format]
@@ -143,10 +196,34 @@ def side_names(path: Path, choice: SaveChoice) -> list[str]:
 
 
 def image_names(stem: str, forms: list[ImageFormat]) -> list[str]:
-    """Names of images of these formats that go with a mesh file of that stem."""
+    """Name the images beside a mesh file.
+
+    Parameters
+    ----------
+    stem : str
+        Name of the mesh file without suffix.
+    forms : list of ImageFormat
+        Format of each image.
+
+    Returns
+    -------
+    list of str
+        Stem and suffix for a single image, else stem, number and suffix.
+    """
     return [stem + ("" if len(forms) == 1 else f"_{number}") + form.suffix for number, form in enumerate(forms)]
 
 
 def without_blanks(stem: str) -> str:
-    """A name as readers of OBJ and MTL take it, which split names at blanks."""
+    """Replace blanks, at which readers of OBJ and MTL split names.
+
+    Parameters
+    ----------
+    stem : str
+        Name of a file without suffix.
+
+    Returns
+    -------
+    str
+        The words of the name, joined by underscores.
+    """
     return "_".join(stem.split())

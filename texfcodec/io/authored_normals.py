@@ -1,4 +1,4 @@
-"""Normals and tangents of a file on their way to a Scene: placed, of length 1, and flat where the file has none to give."""
+"""Normals and tangents of files, placed and scaled to length 1 for a Scene; faces without normals are flat."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _SHORTEST = 1e-12  # of a stored normal: below it rounding has eaten the directi
 
 
 def place_normals(normals: np.ndarray | None, linear: np.ndarray) -> np.ndarray | None:
-    """Normals [..., 3] of a mesh under a node's linear map, float64 [3, 3]: multiplied by its inverse transpose, of any length.
+    """Normals [..., 3] of any length, multiplied by the inverse transpose of a node's linear map, float64 [3, 3].
 
-    The cofactors stand for the inverse, so that a node that is flat along an axis still says where its surface faces.
+    Cofactors stand for the inverse, so that a node that is flat along an axis still gives its surface a direction.
     """
     if normals is None:
         return None
@@ -28,7 +28,8 @@ def place_normals(normals: np.ndarray | None, linear: np.ndarray) -> np.ndarray 
 
 
 def place_tangents(tangents: np.ndarray | None, linear: np.ndarray) -> np.ndarray | None:
-    """Tangents [..., 4] under a node's linear map: directions go along, the side in w turns where the map mirrors."""
+    """Tangents [..., 4] under a node's linear map, float64 [3, 3]. The map transforms directions; if it mirrors, w changes its
+    sign."""
     if tangents is None:
         return None
     tangents = np.array(tangents, np.float64)
@@ -39,10 +40,9 @@ def place_tangents(tangents: np.ndarray | None, linear: np.ndarray) -> np.ndarra
 
 
 def fill_normals(scene: Scene, parts: list[Part], notes: Notes) -> None:
-    """Fills scene.corner_normal and scene.corner_tangent from the Parts that its faces came from, in their order, where any has
-    some. Parts without normals are flat; broken normals make way for the face's, named once. A tangent that is broken or that the
-    file does not have is zero.
-    """
+    """Fill scene.corner_normal and scene.corner_tangent if any Part has normals or tangents. parts: those that the faces came
+    from, in order. Parts without normals are flat. A face normal replaces a broken normal, with one remark. Broken and absent
+    tangents are zero."""
     if any(part.normal is not None for part in parts):
         scene.corner_normal, broken = _normals(scene, parts)
         if broken:
@@ -53,7 +53,7 @@ def fill_normals(scene: Scene, parts: list[Part], notes: Notes) -> None:
 
 
 def _normals(scene, parts):
-    """(float32 [F, 3, 3] of length 1, number of broken ones)."""
+    """(unit normals float32 [F, 3, 3], number of broken normals)."""
     out, row, broken = np.empty((len(scene.faces), 3, 3), np.float32), 0, 0
     for part in parts:
         rows = slice(row, row + len(part.faces))
@@ -90,7 +90,7 @@ def _tangents(scene, parts):
 
 
 def _directions(vectors):
-    """(vectors [..., 3] scaled to length 1, bool [...] where that cannot be)."""
+    """(vectors [..., 3] scaled to length 1, bool [...] of vectors that have no direction)."""
     vectors = np.asarray(vectors, np.float64)
     largest = np.abs(vectors).max(axis=-1)
     bad = ~(np.isfinite(largest) & (largest > _SHORTEST))
@@ -99,8 +99,7 @@ def _directions(vectors):
 
 
 def face_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit normals of faces, float64 [F, 3]; (0, 0, 1) where a face has no area. positions: float64 [V, 3]; faces: int64 [F,
-    3]."""
+    """Unit normals of faces, float64 [F, 3]; (0, 0, 1) without area. positions: float64 [V, 3]; faces: int64 [F, 3]."""
     u, v = (positions[faces[:, i]] - positions[faces[:, 0]] for i in (1, 2))
     longest = np.maximum(np.abs(u).max(axis=1), np.abs(v).max(axis=1))[:, None]
     scale = np.where(longest > 0, longest, 1.0)

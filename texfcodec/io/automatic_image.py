@@ -1,8 +1,8 @@
-"""Images as JPEG where that adds hardly any error to the one that the stream has, and as PNG elsewhere.
+"""Images as JPEG if that adds hardly any error to that of the stream, else as PNG.
 
-What error a stream has, nobody knows who has only the stream; but a JPEG that quantises by the same step has one of like size on
-the same picture, for both leave out what is smaller than the step. Squared errors of luma in texels at r03, of the stream and of
-such a JPEG: 22 and 9.4 (cat_webp), 14 and 7.2 (damaged_helmet), 4.0 and 2.3 (ycb_scissors), 2.7 and 0.9 (avocado).
+A stream does not state its error. A JPEG that quantises the same picture by the same step has an error of similar size, because
+both drop detail below the step. Squared errors of luma in texels at r03, of the stream and of such a JPEG: 22 and 9.4 (cat_webp),
+14 and 7.2 (damaged_helmet), 4.0 and 2.3 (ycb_scissors), 2.7 and 0.9 (avocado).
 """
 
 import io
@@ -25,11 +25,10 @@ _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def automatic_image(image: np.ndarray, step: float | None, srgb: bool = True) -> tuple[ImageFormat, bytes]:
-    """An image as the smaller of PNG and, where that costs less than 0.2 dB, JPEG: (its format, its bytes).
+    """(format, bytes) of an image: the smaller of PNG and JPEG. JPEG must cost less than 0.2 dB.
 
-    image: uint8 [H, W, 3 or 4]; step: levels of 255 that its values were quantised to before, 0 for exact ones, None for nothing
-    known; srgb: whether it holds colours, whose error is that of luma. An image with alpha, of exact values, or close to few
-    colours is PNG.
+    image: uint8 [H, W, 3 or 4]; step: quantiser step of its values in levels of 255, 0 for exact values, None if unknown; srgb:
+    whether it holds colours, whose error is measured in luma. An image is PNG if it has alpha, exact values or few colours.
     """
     palette = None if image.shape[2] == 4 else palette_of(image)
     if image.shape[2] == 4 or not step:
@@ -48,8 +47,8 @@ def automatic_image(image: np.ndarray, step: float | None, srgb: bool = True) ->
 
 
 def _near_palette(image, tiles, allowed, srgb):
-    """As palette_of(), of the fewest colours that are no further from the image's than `allowed`, a mean squared error; None
-    where 256 are. Drawn images have few colours under the noise that coding left."""
+    """As palette_of(), with the fewest colours whose mean squared error is at most `allowed`; None if 256 colours exceed it.
+    Drawn images have few colours below the noise of coding."""
     few, near = tiles[::_FEW, ::_FEW], None
     if _error(few, _quantised(few, _PALETTES[0])[1], srgb) > allowed:  # what does not do for a part, does not for the whole
         return None
@@ -64,7 +63,7 @@ def _near_palette(image, tiles, allowed, srgb):
 
 
 def _quantised(image, count):
-    """(picture of so many colours, the same uint8 [H, W, 3])."""
+    """(PIL image with `count` colours, the same as uint8 [H, W, 3])."""
     from PIL import Image
 
     picture = Image.fromarray(image).quantize(count, method=Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE)
@@ -72,7 +71,7 @@ def _quantised(image, count):
 
 
 def _jpeg_step(tiles, allowed, step, srgb):
-    """The largest step of a JPEG whose mean squared error is allowed; None for none."""
+    """The largest step of a JPEG whose mean squared error is at most `allowed`, or None."""
     if step < LEAST_STEP:
         return None
     for own in dict.fromkeys(max(share * step, 1.0) for share in _SHARES):
@@ -82,7 +81,7 @@ def _jpeg_step(tiles, allowed, step, srgb):
 
 
 def _tiles(image):
-    """Squares from all over an image that are not of one colour, one below the other: uint8 [n, _TILE, 3]."""
+    """Square tiles from all over an image, stacked vertically: uint8 [n, _TILE, 3]. Tiles of a single colour are skipped."""
     height, width = (size // _TILE * _TILE for size in image.shape[:2])
     if not height or not width:
         return image
@@ -94,7 +93,7 @@ def _tiles(image):
 
 
 def _jpeg_error(image, step, srgb):
-    """Mean squared error that a JPEG of a step makes."""
+    """Mean squared error of an image as JPEG with this step."""
     from PIL import Image
 
     plain = io.BytesIO()
@@ -103,14 +102,14 @@ def _jpeg_error(image, step, srgb):
 
 
 def _error(image, other, srgb):
-    """Mean squared error of an image in place of another, of luma where they hold colours."""
+    """Mean squared error between two images, of luma if they hold colours."""
     off = image.astype(np.float32) - other
     return float(((off @ _LUMA) ** 2).mean() if srgb else (off**2).mean())
 
 
 def _jpeg_settings(step):
-    """Flat tables, for the squared error counts, finer for low frequencies where step is no whole number; chroma at full
-    resolution, since charts make edges of colour everywhere."""
+    """Keywords of Pillow's save(): flat quantisation tables, which suit the squared error, finer at low frequencies if step is
+    not a whole number; chroma at full resolution, because charts make edges of colour everywhere."""
     low = min(int(step), 254)
     coarse = round(64 * min(step - low, 1))
     table = [low] * (64 - coarse) + [low + 1] * coarse
@@ -118,7 +117,7 @@ def _jpeg_settings(step):
 
 
 def _png_size(image):
-    """About how many bytes the PNG of an image takes."""
+    """Estimated bytes of an image as PNG."""
     height = len(image)
     if height <= _BANDS * _TILE:
         return len(_png(image, None))
@@ -127,7 +126,7 @@ def _png_size(image):
 
 
 def _png(image, palette):
-    """PNG bytes, small rather than soon: 17 % smaller than those of encode_image() for twice the time."""
+    """PNG bytes, 17 % smaller than those of encode_image() in twice the time."""
     from PIL import Image
 
     picture, out = Image.fromarray(image if palette is None else palette[1]), io.BytesIO()
@@ -139,8 +138,8 @@ def _png(image, palette):
 
 
 def palette_of(image: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """(colours uint8 [n, 3], number of every texel's uint8 [H, W]) of an image uint8 [H, W, 3] of at most 256 colours; None of
-    others."""
+    """(colours uint8 [n, 3], index of each texel's colour uint8 [H, W]) of an image, uint8 [H, W, 3]; None if it has more than
+    256 colours."""
     packed = image.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
     if len(np.unique(packed[:: max(1, len(packed) // 16)])) > 256:
         return None

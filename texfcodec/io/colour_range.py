@@ -1,4 +1,4 @@
-"""What colours of formats that do not say it reach to, 1, 255 or 65535: by the type that they are stored in and by all values."""
+"""The range of colours, 0 to 1, 255 or 65535, in formats that do not define it: guessed from the stored type and all values."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _NEAR = 1e-6
 
 
 def unit_colours(values: np.ndarray, notes: Notes, what: str) -> np.ndarray:
-    """Colours [..., channels], stored in integers or floats -> float64 in [0, 1], NaN as it is.
+    """Colours [..., channels], stored as integers or floats -> float64 in [0, 1]; NaN stays.
 
-    Integers of 8 bits reach to 255. All others reach to 1, 255 or 65535, by the middle and the largest of the values that are not
-    0; so a few that are beyond the end change nothing for the rest. They are clipped, with a remark, as negative values are. An
-    alpha, the last of two or four channels, may have a range of its own. what: for the remarks, such as "colours of vertices".
+    The range of 8-bit integers is 255. The range of all others is 1, 255 or 65535, chosen by the median and the maximum of the
+    non-zero values, so that a few outliers do not change it. Outliers and negative values are clipped, with a remark. Alpha, the
+    last of two or four channels, may have its own range. what: the values' name in remarks, such as "colours of vertices".
     """
     values = np.asarray(values)
     if values.dtype == np.int8:
@@ -41,7 +41,7 @@ def unit_colours(values: np.ndarray, notes: Notes, what: str) -> np.ndarray:
 
 
 def clipped(colours: np.ndarray, notes: Notes, what: str) -> np.ndarray:
-    """Colours [..., channels] within [0, 1], with a remark where some were not; NaN stays."""
+    """Colours [..., channels] clipped to [0, 1], with a remark if that changes any; NaN stays. what: their name in the remark."""
     outside = (colours < -_NEAR) | (colours > 1.0 + _NEAR)
     if outside.any():
         count = int(outside.any(axis=-1).sum())
@@ -50,7 +50,7 @@ def clipped(colours: np.ndarray, notes: Notes, what: str) -> np.ndarray:
 
 
 def _reach(values, kind):
-    """The end of the range that values fill. kind: "f" of floats, else integers, whose range is not 1."""
+    """Upper end of the values' range: 1, 255 or 65535. kind: "f" for floats, else integers."""
     shown = np.abs(values[np.isfinite(values) & (values != 0)])
     if not len(shown):
         return 1.0

@@ -1,7 +1,7 @@
-"""COLLADA (.dae) -> Scene: pycollada parses, this file places, splits polygons and chooses the base colour.
+"""COLLADA (.dae) -> Scene: pycollada parses; this file places meshes, splits polygons and chooses the base colour.
 
-On pycollada directly rather than through trimesh, which fans polygons, takes one UV set whatever the material binds and
-leaves out silently what pycollada could not read.
+It uses pycollada directly, because trimesh fans polygons, takes the same UV set whatever the material binds, and drops silently
+what pycollada could not read.
 """
 
 import io
@@ -61,7 +61,7 @@ def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
 
 
 def _placing(asset, notes):
-    """The Placing of the document's axes and unit; COLLADA's own defaults, Y_UP and a metre, where it has none."""
+    """The Placing of the document's axes and unit; without them COLLADA's defaults, Y_UP and a metre."""
     node = getattr(asset, "xmlnode", None)
     axis = None if node is None else node.find(".//{*}up_axis")
     up = ((axis.text or "") if axis is not None else "").strip().upper().removesuffix("_UP")
@@ -69,7 +69,7 @@ def _placing(asset, notes):
 
 
 def _without_lines(data, notes):
-    """The document without strips of lines, of which pycollada would refuse the whole mesh."""
+    """The document without line strips, because pycollada refuses meshes that have them."""
     count = len(_LINES.findall(data))
     if count:
         notes.drop(plural(count, "set of line strips", "sets of line strips"))
@@ -93,7 +93,7 @@ def _parse(data):
 
 
 def _with_points(data, notes):
-    """The document with decimal points, where an exporter has written the decimal commas of its language into its numbers."""
+    """The document with decimal points in place of the decimal commas that some exporters write in their users' language."""
     arrays = re.findall(rb"<float_array[^>]*>([^<]*)<", data)
     if not any(re.search(rb"\d,\d", array) and b"." not in array for array in arrays):
         return data
@@ -103,7 +103,7 @@ def _with_points(data, notes):
 
 
 def _name_errors(document, notes):
-    """Texts of what pycollada could not read of the surface; each is warned of."""
+    """Texts of pycollada's errors on the surface; each is also a warning."""
     texts = []
     for error in document.errors:
         text = f"{type(error).__name__}: {getattr(error, 'msg', error)}".replace(" in effect `<built-in function id>`", "")[:120]
@@ -118,7 +118,7 @@ def _name_errors(document, notes):
 
 
 def _nothing(errors, notes):
-    """The error for a file that has no surface, or none that could be read."""
+    """The error for a file without a readable surface. errors: of _name_errors()."""
     if not errors:
         return no_triangles(", ".join(notes.dropped))
     more = f", and {len(errors) - 1} more" if len(errors) > 1 else ""
@@ -126,7 +126,7 @@ def _nothing(errors, notes):
 
 
 def _geometries(document, notes):
-    """Bound geometries of the scene, those of skins as stored."""
+    """Bound geometries of the scene; geometries of skins are as stored."""
     yield from document.scene.objects("geometry")
     for controller in document.scene.objects("controller"):
         notes.drop("skin" if hasattr(controller, "joint_matrices") else "morph targets")
@@ -137,8 +137,8 @@ def _geometries(document, notes):
 
 
 def _part(source, geometry, look, world, notes):
-    """Triangles, polylist or polygons of a bound geometry -> Part in world space; None where they hold no surface. world:
-    (Placing, VertexPools) of the document."""
+    """Triangles, polylist or polygons of a bound geometry -> Part in world space, or None without a surface. world: (Placing,
+    VertexPools) of the document."""
     label = f"geometry '{geometry.original.id}'"
     if not (hasattr(source, "vcounts") or hasattr(source, "ntriangles")):
         notes.lose(f"lines of {label}", f"a part of {label} is not made of triangles or polygons; it is left out")
@@ -167,7 +167,7 @@ def _part(source, geometry, look, world, notes):
 
 
 def _values(source, kind, number, triangles, label):
-    """Numbers of one input at the corners of triangles, float64 [F, 3, columns]."""
+    """Values of one input at the corners of triangles, float64 [F, 3, columns]."""
     offset, data = source.sources[kind][number][0], np.asarray(source.sources[kind][number][4].data)
     rows = source.index.reshape(-1, source.index.shape[-1])[:, offset][triangles]
     if rows.size and (rows.min() < 0 or rows.max() >= len(data)):
@@ -176,7 +176,7 @@ def _values(source, kind, number, triangles, label):
 
 
 def _uv(source, texcoord, triangles, label, notes):
-    """float64 [F, 3, 2], v downwards, of the set that the material's texture is bound to; the others are named."""
+    """UVs float64 [F, 3, 2], v downwards, of the set that the material's texture is bound to; a remark names each other set."""
     inputs = source.sources.get("TEXCOORD", [])
     chosen = None
     if texcoord is not None and inputs:
@@ -193,14 +193,15 @@ def _uv(source, texcoord, triangles, label, notes):
 
 
 def _normal(source, triangles, linear, label):
-    """float64 [F, 3, 3] in world space or None. linear: float64 [3, 3] of the node."""
+    """Normals float64 [F, 3, 3] in world space, or None. linear: the node's linear map, float64 [3, 3]."""
     if not source.sources.get("NORMAL"):
         return None
     return place_normals(_values(source, "NORMAL", 0, triangles, label)[..., :3], linear)
 
 
 def _color(source, triangles, label, notes):
-    """float32 linear RGBA [F, 3, 4] or None. The format leaves the coding open; exporters write 8-bit colours, so sRGB."""
+    """float32 linear RGBA [F, 3, 4], or None. COLLADA does not define the coding; exporters write 8-bit colours, which are
+    sRGB."""
     inputs = source.sources.get("COLOR", [])
     if not inputs:
         return None
@@ -211,14 +212,14 @@ def _color(source, triangles, label, notes):
 
 
 class _Look:
-    """Scene materials by COLLADA material, and the UV set that each one's texture asks for."""
+    """Scene materials by COLLADA material, and the UV set of each material's texture."""
 
     def __init__(self, folder, notes):
         self.folder, self.notes, self.shelf = folder, notes, TextureShelf(notes)
         self.materials, self._rows = [], {}
 
     def of(self, node):
-        """(index of the material, set number as text or None without a texture). node: what binds it here, or None."""
+        """(index of the material, UV set number as text or None without a texture). node: pycollada's MaterialNode, or None."""
         material = getattr(node, "target", None)
         key = getattr(material, "id", None)
         if key not in self._rows:
@@ -249,7 +250,7 @@ class _Look:
                         unlit=unlit, parameters={} if unlit else self._parameters(effect, name))
 
     def _parameters(self, effect, name):
-        """Parameters that a Material has of an effect: its emission; the rest is named."""
+        """Parameters of the Material: the effect's emission. A remark or a loss names the other properties."""
         emission = getattr(effect, "emission", None)
         parameters = {}
         if isinstance(emission, tuple) and np.isfinite(emission[:3]).all():
@@ -267,7 +268,7 @@ class _Look:
         return parameters
 
     def _opacity(self, effect, name):
-        """Alpha by the opaque modes A_ONE and RGB_ZERO of COLLADA 1.4; a texture of its own is named, not read."""
+        """Alpha by the opaque modes A_ONE and RGB_ZERO of COLLADA 1.4. A separate alpha texture is not read but a named loss."""
         transparent, amount = effect.transparent, effect.transparency
         if hasattr(transparent, "sampler"):
             diffuse = getattr(effect.diffuse, "sampler", None)

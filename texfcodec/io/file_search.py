@@ -1,5 +1,5 @@
-"""Files that a mesh names, looked for where and as the tools that write such names would: other encodings, letter case, Unicode
-forms, separators and folders. What such a search finds is a remark; what it does not find is an error of the caller's."""
+"""Search for files that a mesh names: by other encodings, letter case, Unicode forms, separators and folders. A file under
+another name or in another folder is a remark; for a missing file the caller reports an error."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def read_file(folder: Path, name: str, notes: Notes, kind: str = "texture file")
 
 
 def find_file(folder: Path, name: str, notes: Notes) -> Path | None:
-    """Path of a file that a mesh names, or None. folder: of the mesh; notes: gets a remark where the file has another name or is
-    in another folder, and a loss where several files fit equally well."""
+    """Path of a file that a mesh names, or None. folder: of the mesh; notes: receives a remark if the file has another name or is
+    in another folder, and a loss if several files fit equally well."""
     from urllib.parse import unquote
 
     if is_remote(name):
@@ -90,7 +90,7 @@ def _shown(path, folder):
 
 
 def _search(folder, name, notes):
-    """Paths of the best place that has any, empty where none has."""
+    """Paths that fit the name, all from the best place that has any; [] without any."""
     ways = [(way, encoding) for spelling, encoding in _spellings(name) if (way := _parts(spelling))]
     above = folder.parent if folder.parent != folder else None
     for base in (folder, above):
@@ -111,13 +111,13 @@ def _search(folder, name, notes):
 
 
 def _parts(name):
-    """A path as some system writes it -> its names without drive, quotes and dots; "..", which leads out of the folder, too."""
+    """A path in any system's notation -> its names without drive, quotes, "." and ".."."""
     name = _FILE.sub("", name.strip(" \t").strip("\"'"))
     return [part.strip(" ") for part in re.sub(r"^[A-Za-z]:", "", name.replace("\\", "/")).split("/") if part.strip(" .")]
 
 
 def _walk(base, way, notes):
-    """Files that the names lead to from a folder, each name compared as _key() does."""
+    """Files that a sequence of names leads to from a folder; names are compared by _key()."""
     places = [base]
     for part in way:
         places = [place / entry for place in places for entry in _entries(place, notes).get(_key(part), ())][:8]
@@ -127,7 +127,7 @@ def _walk(base, way, notes):
 
 
 def _entries(folder, notes):
-    """{key: names} of what is in a folder, read once in a load; empty where it cannot be read."""
+    """{key: names} of the entries of a folder, read once in a load; {} if the folder cannot be read."""
     if folder not in notes.folders:
         keys: dict[str, list[str]] = {}
         try:
@@ -142,8 +142,8 @@ def _entries(folder, notes):
 
 
 def _image_folders(base, notes):
-    """Folders in a folder that have a usual name, or begin with the name of the mesh's file and a mark, and the folders in those.
-    All others may belong to other meshes."""
+    """Subfolders that may hold the mesh's images, and the folders in those. Their name is usual, or begins with the name of the
+    mesh's file and a mark; all others may belong to other meshes."""
     stem = re.escape(_key(notes.path.stem)) if notes.path is not None else ""
     own = re.compile(rf"{_USUAL.pattern}|{stem}(?:[^0-9a-z].*)?" if stem else _USUAL.pattern)
     named = _folders(base / name for key, names in _entries(base, notes).items() if own.fullmatch(key) for name in names)
@@ -155,15 +155,15 @@ def _folders(places):
 
 
 def _key(name):
-    """What two names share that some file system, or some exporter, holds for the same."""
+    """Key that is equal for names that some file system or exporter treats as equal."""
     name = unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
     stem, dot, suffix = name.rpartition(".")
     return stem + _SAME_SUFFIX.get(dot + suffix, dot + suffix) if dot else name
 
 
 def _spellings(name):
-    """(spelling, encoding): the name, with percent-escapes decoded, and as other encodings read its bytes; each once, the
-    likeliest first. encoding: of a text whose bytes stand in Latin-1, None for any other."""
+    """[(spelling, encoding)]: the name, the name with percent-escapes decoded, and its bytes in other encodings; each once, the
+    likeliest first. encoding: if the name held bytes as Latin-1, the encoding that gave this spelling, else None."""
     from urllib.parse import unquote
 
     plain = (name, unquote(name), unquote(name, "latin-1"))
@@ -176,7 +176,7 @@ def _spellings(name):
 
 
 def in_encoding(name: str, encoding: str | None) -> str:
-    """A name whose bytes stand in Latin-1, one character a byte, in an encoding; the name itself where it is not one, or None."""
+    """Decode a name that holds bytes as Latin-1, a byte a character. The name stays if encoding is None or cannot decode it."""
     try:
         return name.encode("latin-1").decode(encoding) if encoding and not name.isascii() else name
     except UnicodeError:
@@ -184,8 +184,8 @@ def in_encoding(name: str, encoding: str | None) -> str:
 
 
 def readings(name: str) -> list[str]:
-    """What a name may say in other encodings: texts of the same bytes, [] for ASCII. A name that is not UTF-8 is in Latin-1, one
-    character a byte, or as the system gives it."""
+    """The bytes of a name decoded by other encodings, [] for ASCII. A name that is not UTF-8 holds bytes as Latin-1, a byte a
+    character, or is as the system gives it."""
     if name.isascii():
         return []
     out: dict[str, None] = {}

@@ -1,6 +1,6 @@
-"""The formats that are read and those that are written, once: loader, save(), the command lines and the guide ask these tables.
+"""Tables of the formats that are read and written, for the loader, save(), the command lines and the guide.
 
-Nothing is imported here but the table's own words, so that a --help costs no numpy.
+This module imports nothing heavy, so that a --help does not import numpy.
 """
 
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Format:
-    """One suffix.
+    """A suffix and its reader.
 
-    module, function: its reader in this room, (bytes, folder, Notes) -> Scene; code: what its malformed files end in where
-    the reader names nothing better; name: for people; starts: what every such file begins with, where there is such a
-    thing; text: whole files may be UTF-16; package: what must be installed beside texfcodec's own dependencies.
+    module, function: the reader in this room, (bytes, folder, Notes) -> Scene; code: error code of malformed files, unless the
+    reader raises a better one; name: for people; starts: bytes with which every such file begins, or (); text: whether files may
+    be UTF-16; package: what must be installed beside texfcodec's own dependencies.
     """
 
     suffix: str
@@ -46,8 +46,8 @@ def format_of(suffix: str) -> Format | None:
 
 @dataclass(frozen=True)
 class ImageFormat:
-    """A format that textures are written in. mime, suffix: of its files; extension: the glTF extension that a texture names it
-    by, or None where every viewer reads it; quality: 1..100, that of no other wish, or None where the format has none."""
+    """A format that textures are written in. mime, suffix: of its files; extension: the glTF extension that it requires, or None
+    if every viewer reads it; quality: default, 1..100, or None if the format has no quality."""
 
     name: str
     mime: str

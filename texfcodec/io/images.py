@@ -1,4 +1,4 @@
-"""Images of any kind Pillow reads, and KTX2 textures -> uint8 RGBA arrays, decoded once and only where a material asks; and such
+"""Images that Pillow reads, and KTX2 textures -> uint8 RGBA arrays, decoded once and only if a material refers to them; and such
 arrays -> the bytes of PNG, JPEG, WebP, AVIF and KTX2 files (IMAGE_FORMATS of formats.py).
 """
 
@@ -38,10 +38,10 @@ class TextureShelf:
 
     def put(self, key: Hashable, fetch: Callable[[], Any], name: str, wrap: tuple[int, int],
             channel: str = BASE_COLOUR.name, nearest: bool = False) -> int:
-        """Index of the texture, or -1 (with a note) where its image is missing or broken.
+        """Index of the texture, or -1, with a note, if its image is missing or broken.
 
-        key: hashable identity of the image; fetch: () -> its bytes, or InputError; wrap: (s, t); channel: what it is for;
-        nearest: as Texture has it.
+        key: hashable identity of the image; fetch: () -> its bytes, or InputError; wrap: (s, t); channel: name of the channel
+        that the image gives; nearest: as in Texture.
         """
         if key not in self._images:
             self._images[key] = self._decode(fetch, name, BY_NAME[channel].srgb)
@@ -67,10 +67,10 @@ class TextureShelf:
 
 
 def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np.ndarray:
-    """bytes of an image file, or a PIL image -> uint8 [H, W, 4] RGBA, row 0 at the top. is_colour: whether colour asks for it.
+    """Bytes of an image file, or a PIL image -> uint8 [H, W, 4] RGBA, row 0 at the top. is_colour: whether it holds colours.
 
-    16-bit samples keep their high byte, and images are turned by their EXIF orientation, as browsers do, both with a remark;
-    colour profiles are ignored, as glTF says.
+    16-bit samples keep their high byte, and the EXIF orientation is applied, as in browsers, both with a remark. Colour profiles
+    are ignored, as glTF requires.
     Errors: TXF-I17 Pillow, or for KTX2 opengl_basisu, cannot decode it; LimitError TXF-I40 more pixels than notes allow;
     SupportError TXF-I32 KTX2 without opengl_basisu.
     """
@@ -106,7 +106,7 @@ def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np
 
 
 def lossy_bytes(data: Any) -> int | None:
-    """Bytes of an image file whose format is lossy (JPEG, WebP's VP8, AVIF); None for all others and for what is no file."""
+    """Size in bytes of an image file whose format is lossy (JPEG, WebP's VP8, AVIF); None for other formats and PIL images."""
     if not isinstance(data, (bytes, memoryview)):
         return None
     head = bytes(data[:32])
@@ -119,7 +119,7 @@ _PILLOWS_LIMIT = threading.Lock()  # it is a variable of Pillow's module
 
 @contextmanager
 def _our_limit(pixels):
-    """Pillow refuses images of more pixels than this in the block, those inside other images, too; None: refuses none."""
+    """In this block Pillow refuses images with more pixels, also images inside others; None means no limit."""
     from PIL import Image
 
     with _PILLOWS_LIMIT:
@@ -131,7 +131,7 @@ def _our_limit(pixels):
 
 
 def _upright(image, name, notes):
-    """The image as its EXIF orientation shows it."""
+    """The image turned by its EXIF orientation."""
     from PIL import ImageOps
 
     try:
@@ -173,8 +173,8 @@ def _deep_grey(image, out):
 
 
 def check_image_format(name: str, quality: int | None) -> None:
-    """InputError TXF-O14 for a format, AUTO among them, or a quality that does not go with it, SupportError TXF-O15 for a format
-    whose package is missing."""
+    """Check a texture format, which may be AUTO, and a quality. Raises InputError TXF-O14 if they are unknown or do not go
+    together, SupportError TXF-O15 if a package is missing."""
     if not isinstance(name, str) or name not in TEXTURE_FORMATS:
         raise InputError("TXF-O14", "the texture format is unknown", value=str(name)[:40], allowed=" ".join(TEXTURE_FORMATS))
     if quality is not None:
@@ -195,7 +195,7 @@ def check_image_format(name: str, quality: int | None) -> None:
 
 
 def format_for(image: np.ndarray, wanted: ImageFormat) -> tuple[ImageFormat, tuple[str, ...]]:
-    """(the format that an image, uint8 [H, W, 3 or 4], is written in, warnings): PNG if the wanted one cannot hold it."""
+    """(format to write an image, uint8 [H, W, 3 or 4], warnings): PNG if the wanted format cannot hold it."""
     if wanted.name == "jpeg" and image.shape[2] == 4:
         return IMAGE_FORMATS["png"], ("JPEG has no alpha: images with alpha are written as PNG",)
     if wanted.name == "ktx2" and (image.shape[0] % 4 or image.shape[1] % 4):
@@ -205,8 +205,8 @@ def format_for(image: np.ndarray, wanted: ImageFormat) -> tuple[ImageFormat, tup
 
 
 def encode_image(image: np.ndarray, form: ImageFormat, quality: int | None = None, srgb: bool = True) -> bytes:
-    """The bytes of an image file. image: uint8 [H, W, 3 or 4], one that format_for() gave this form; quality: 1..100 or None for
-    the format's own; srgb: whether it holds colours, for KTX2, which says so."""
+    """Bytes of an image file. image: uint8 [H, W, 3 or 4]; form: by format_for(); quality: 1..100, or None for the format's own;
+    srgb: whether the image holds colours, which KTX2 stores."""
     quality = form.quality if quality is None else quality
     if form.name == "ktx2" and quality is not None:
         return write_ktx2(image, quality, srgb)
@@ -220,9 +220,9 @@ def encode_image(image: np.ndarray, form: ImageFormat, quality: int | None = Non
 
 
 def encode_jpeg(image: np.ndarray, **settings: Any) -> bytes:
-    """The bytes of a JPEG, by keywords of Pillow's save(), optimised and progressive where Pillow has room for that.
+    """Bytes of a JPEG, optimised and progressive if Pillow's buffer suffices. settings: keywords of Pillow's save().
 
-    It sets aside two bytes a texel at quality 95 and more, one below, and fails where noise takes more."""
+    The buffer has two bytes a texel from quality 95, else one byte; Pillow fails if noise needs more."""
     from PIL import Image
 
     picture, room = Image.fromarray(image), (2 if settings.get("quality", 0) >= 95 else 1) * image.shape[0] * image.shape[1]
@@ -235,7 +235,7 @@ def encode_jpeg(image: np.ndarray, **settings: Any) -> bytes:
 
 
 def _encode_settings(name, quality):
-    """Keywords of Pillow's save(). Chroma at full resolution where it can be had: charts make colour edges everywhere."""
+    """Keywords of Pillow's save(). Chroma has full resolution if the format allows it: charts make colour edges everywhere."""
     if name == "png":
         return {"compress_level": 3}
     if name == "jpeg":

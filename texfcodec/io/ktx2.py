@@ -1,9 +1,9 @@
 """KTX2 textures with Basis Universal data (KHR_texture_basisu: ETC1S and UASTC) -> uint8 RGBA, and back to ETC1S.
 
-Transcoded by opengl_basisu, which carries the transcoder of the format's authors, ships wheels for every Python we run on
-and is tested on damaged files. pyktx of Khronos has no wheels and wants its C library built and installed first. The
-header is checked here all the same, before its sizes take memory: the transcoder believes the length that a Zstandard
-level claims to unpack to. They are written by alktx2, with the encoder of the same authors: opengl_basisu only transcodes.
+Reading uses opengl_basisu: it contains the transcoder of the format's authors, has wheels for every Python that we support, and
+is tested on damaged files. Khronos's pyktx has no wheels and needs its C library installed first. This module checks the header
+before its sizes take memory, because the transcoder trusts the unpacked length that a Zstandard level states. Writing uses
+alktx2, with the encoder of the same authors, because opengl_basisu only transcodes.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _BLOCK_BYTES = 16  # of UASTC, 4 x 4 pixels
 
 
 def read_ktx2(data: bytes | memoryview, name: str, notes: Notes, is_colour: bool = True) -> np.ndarray:
-    """bytes of a .ktx2 file -> uint8 [H, W, 4] RGBA of its largest level, row 0 at the top. is_colour: whether its values are
-    to be sRGB-coded; a file that says otherwise is named.
+    """Bytes of a .ktx2 file -> uint8 [H, W, 4] RGBA of its largest level, row 0 at the top. is_colour: whether its values should
+    be sRGB-coded; a file marked otherwise gets a warning.
 
     Errors: InputError TXF-I17 broken, or no Basis Universal data; SupportError TXF-I32 the package is missing;
     LimitError TXF-I40 more pixels than notes allow.
@@ -58,7 +58,7 @@ def _broken(name, reason):
 
 
 def _check_header(data, name, notes):
-    """(width, height); the level index must agree with them, and with the file's length."""
+    """(width, height), after checking the level index against them and against the file's length."""
     if len(data) < len(KTX2) + _HEADER.size + _LEVEL.size:
         raise _broken(name, "the KTX2 header is truncated")
     vk_format, _, width, height, depth, layers, faces, _, scheme, *_, sgd_at, sgd_size = _HEADER.unpack_from(data, len(KTX2))
@@ -77,7 +77,7 @@ def _check_header(data, name, notes):
 
 
 def write_ktx2(image: np.ndarray, quality: int, srgb: bool) -> bytes:
-    """uint8 [H, W, 3 or 4] -> bytes of a .ktx2 file: ETC1S with all mip levels, which GPUs cannot make of compressed blocks.
+    """uint8 [H, W, 3 or 4] -> bytes of a .ktx2 file: ETC1S with all mip levels, which GPUs cannot compute from compressed blocks.
 
     quality: 1..100; srgb: whether it holds colours. Errors: SupportError TXF-O15 the package is missing.
     """
@@ -89,7 +89,7 @@ def write_ktx2(image: np.ndarray, quality: int, srgb: bool) -> bytes:
 
 
 def alktx2() -> Any:
-    """The package that writes KTX2; SupportError TXF-O15 where it is missing."""
+    """The package that writes KTX2. Raises SupportError TXF-O15 if it is missing."""
     try:
         import alktx2 as package
     except ImportError as error:

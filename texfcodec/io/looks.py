@@ -1,4 +1,4 @@
-"""What a decoded mesh is written with: which faces share images, what of each material needs one, and what its factors say."""
+"""Materials of a decoded mesh for writing: which faces share images, which channels need images, and the factors of the rest."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 @dataclass
 class Skin:
-    """Faces with images of their own. field: number of their field, one over texels; None for the atlas that all fields over
-    voxels share. has_base: whether any of its looks needs the image of the base colour; sheets: channels of each further one."""
+    """Faces with their own images. field: number of their field, which is over texels; None for the atlas that all fields over
+    voxels share. has_base: whether any of its looks needs an image of the base colour; sheets: channels of each other image."""
 
     field: int | None
     has_base: bool = False
@@ -33,8 +33,8 @@ class Skin:
 
 @dataclass
 class Look:
-    """A material on a skin. material: with all that is one value on its faces in its factors; mapped: names of the channels that
-    need an image, base colour among them; colours: at the corners of its faces, in their order, where these stand for one."""
+    """A material on a skin. material: its factors hold every channel that has a single value on its faces; mapped: names of the
+    channels that need an image, base colour among them; colours: of its faces' corners, in order, if they replace an image."""
 
     number: int
     skin: int
@@ -45,9 +45,9 @@ class Look:
 
 @dataclass
 class Looks:
-    """All of them. face_look: int64 [F] into looks; a material that no face has stands there once, without images; opaque: names
-    of materials that are written as opaque, for nothing of theirs is see-through; apart: whether every channel has an image of
-    its own, grey where it has one component."""
+    """All looks of a mesh. looks: a material without faces is there once, without images; face_look: int64 [F] into looks;
+    opaque: names of materials that are written as opaque, because no point of them is see-through; apart: whether every channel
+    has its own image, grey for channels of one component."""
 
     skins: list[Skin]
     looks: list[Look]
@@ -57,18 +57,18 @@ class Looks:
 
     @property
     def image_count(self) -> int:
-        """How many images they need."""
+        """Number of images that the skins need."""
         return sum(skin.has_base + len(skin.sheets) for skin in self.skins)
 
     @property
     def has_image(self) -> np.ndarray:
-        """Whether faces have any, bool [F]."""
+        """Whether each face has an image, bool [F]."""
         return np.array([bool(look.mapped) for look in self.looks], bool)[self.face_look]
 
 
 def looks_of(texf: Texf, held: tuple[str, ...] | None = None, at_vertices: bool = False) -> Looks:
-    """The Looks of a decoded stream (Texf), known before any image is made. held: names of the channels that a format has, each
-    in an image of its own, None for glTF's; at_vertices: whether colours may stand at vertices where that shows as much."""
+    """The Looks of a decoded stream (Texf), before any image is made. held: names of the channels that the format has, each in
+    its own image, or None for glTF; at_vertices: whether colours at vertices may replace an image that shows no more."""
     skins, face_skin = _skins(texf)
     of_face = np.column_stack([texf.face_material, face_skin, _says_nothing(texf)])
     kinds, face_look = np.unique(of_face, axis=0, return_inverse=True)
@@ -93,8 +93,8 @@ def looks_of(texf: Texf, held: tuple[str, ...] | None = None, at_vertices: bool 
 
 
 def _says_nothing(texf):
-    """Whether a normal map says nothing on a face, bool [F]: its UVs make no frame (spec 8.5.2). A viewer would make one up, so
-    that such faces are written without the map."""
+    """Whether a normal map has no effect on a face, because its UVs give no tangent frame (spec 8.5.2), bool [F]. Viewers would
+    invent a frame, so that such faces are written without the map."""
     mapped = np.array([bool(NORMAL_MAPS & m.maps.keys()) for m in texf.materials], bool)
     over_texels = np.array([part.over_texels for part in texf.fields], bool)
     if not len(texf.faces) or not mapped.any() or not over_texels.any():
@@ -103,8 +103,8 @@ def _says_nothing(texf):
 
 
 def _make_opaque(texf, looks, skins, face_look):
-    """Makes materials opaque that blend by an alpha of 255 on all their faces: viewers draw what blends later, unsorted. Returns
-    their names."""
+    """Make blended materials opaque if alpha is 255 on all their faces, because viewers draw blended faces last and unsorted.
+    Returns the materials' names."""
     names = []
     for row, look in enumerate(looks):
         if look.skin >= 0 and look.material.alpha_mode == ALPHA_BLEND and look.material.factor[3] >= 1:
@@ -116,7 +116,7 @@ def _make_opaque(texf, looks, skins, face_look):
 
 
 def _skins(texf):
-    """(Skins, the atlas first, and the number of every face's, int64 [F])."""
+    """(Skins, the atlas first; index of each face's skin, int64 [F])."""
     over_texels = np.array([part.over_texels for part in texf.fields], bool)
     skins = [Skin(None)] * bool((~over_texels).any() and len(texf.faces))
     of_field = np.zeros(len(texf.fields), np.int64)
@@ -127,7 +127,7 @@ def _skins(texf):
 
 
 def _look(texf, number, skin, of, faces, held):
-    """The Look of a material's faces on a Skin, with the maps of channels that are held."""
+    """The Look of a material's faces on a Skin, with the maps of the channels in held."""
     material = texf.materials[number]
     parameters, mapped = dict(material.parameters), []
     colour = _base_factor(texf, of, faces, material)
@@ -144,7 +144,7 @@ def _look(texf, number, skin, of, faces, held):
 
 
 def _base_factor(texf, skin, faces, material):
-    """Base colour as a factor, float64 [4] linear, where faces show one value alone; else None."""
+    """Base colour as a linear factor, float64 [4], if it has a single value on all faces; else None."""
     colour, alpha = _one_value(texf, skin, faces, BASE_COLOUR.name), np.array([255.0])
     if texf.has_alpha and material.alpha_mode != ALPHA_OPAQUE:
         alpha = _one_value(texf, skin, faces, ALPHA.name)
@@ -154,7 +154,7 @@ def _base_factor(texf, skin, faces, material):
 
 
 def _one_value(texf, skin, faces, name):
-    """The one value of a channel, as fields know it, that faces show, float64 [C] in 0..255; None where there are more."""
+    """The value of a channel of fields, float64 [C] in 0..255, if it has a single value on all faces; else None."""
     fields = np.unique(texf.face_field[faces]).tolist()
     if texf.evaluators:
         return None
@@ -174,6 +174,6 @@ def _one_value(texf, skin, faces, name):
 
 
 def names_in(looks: Looks, names: Iterable[str]) -> bool:
-    """Whether any look has an image of one of these channels."""
+    """Whether any look has an image of any of these channels."""
     wanted = set(names)
     return any(wanted & set(look.mapped) for look in looks.looks)

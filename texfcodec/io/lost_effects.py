@@ -1,4 +1,4 @@
-"""What a format has no place for, of the effects that a decoded stream's materials need: a name for each."""
+"""Names of the effects of a decoded stream's materials that a format cannot hold."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ _NAMED = 3  # materials in a name
 
 
 def lost_effects(texf: Texf, held: frozenset[str]) -> list[str]:
-    """Names of the effects that faces of a stream (Texf) show and a format cannot hold, as "clearcoat of material 'door'".
-    held: IN_MTL or IN_COLOURS, those that it can."""
+    """Names of the effects that a stream's faces show and a format cannot hold, such as "clearcoat of material 'door'". held:
+    effects that the format can hold, IN_MTL or IN_COLOURS."""
     shown = [texf.materials[number] for number in np.unique(texf.face_material).tolist()]
     names = []
     for words, needs in _KINDS:

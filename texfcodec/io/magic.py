@@ -1,4 +1,4 @@
-"""What a file is by its first bytes: for the message when the suffix says something else, and for UTF-16 text."""
+"""File types by first bytes: for messages if the suffix means another type, and for UTF-16 text."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _BYTE_ORDER_MARKS = (
 
 
 def what_it_is(data: bytes) -> str:
-    """Words for what the bytes look like, "" where nothing is recognised."""
+    """Name of the file type that the bytes look like, "" if none is recognised."""
     head = bytes(data[:64])
     for offset, start, words in _KINDS:
         if head[offset : offset + len(start)] == start:
@@ -64,7 +64,7 @@ def what_it_is(data: bytes) -> str:
 
 
 def suffix_of(data: bytes) -> str | None:
-    """The suffix of the format that data without a name are in, such as ".glb", None where their first bytes do not tell."""
+    """Suffix of the format of data without a name, such as ".glb"; None if the first bytes do not identify it."""
     from .formats import FORMATS
 
     for entry in FORMATS:
@@ -84,7 +84,7 @@ def suffix_of(data: bytes) -> str | None:
 
 
 def _first_text(data):
-    """The beginning of a text as UTF-8, from its first statement on: comments of OBJ, OFF and XML are skipped."""
+    """The beginning of a text as UTF-8, from its first statement; comments of OBJ, OFF and XML are skipped."""
     text = bytes(data[:_BEGINNING])
     encoding = next((name for mark, name in _BYTE_ORDER_MARKS if text.startswith(mark)), None)
     if encoding is not None:  # "ignore": half a character at the end
@@ -93,7 +93,7 @@ def _first_text(data):
 
 
 def check_start(data: bytes, entry: Format) -> None:
-    """TXF-I06 where the first bytes are not what the Format's suffix promises."""
+    """Raises InputError TXF-I06 if the first bytes do not fit the Format."""
     seen = what_it_is(data)
     expected = data[: len(entry.starts[0])] in entry.starts if entry.starts else not _belongs_elsewhere(seen, entry)
     if not expected:
@@ -102,13 +102,13 @@ def check_start(data: bytes, entry: Format) -> None:
 
 
 def _belongs_elsewhere(seen, entry):
-    """A text format has no magic of its own, but it never looks like one of the others."""
+    """Whether data for a text format look like another format; text formats have no magic bytes."""
     own = {".gltf": "JSON", ".stl": "an STL", ".dae": "an XML"}.get(entry.suffix)
     return bool(seen) and seen != "UTF-16 text" and not (own and seen.startswith(own))
 
 
 def as_utf8(data: bytes) -> bytes:
-    """Text with a byte order mark -> the same text as UTF-8 bytes without one; other bytes as they are. TXF-I06."""
+    """Text with a byte order mark -> the same text as UTF-8 without a mark; other bytes stay. Raises InputError TXF-I06."""
     for mark, encoding in _BYTE_ORDER_MARKS:
         if bytes(data[: len(mark)]) == mark:
             try:

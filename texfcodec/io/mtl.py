@@ -1,5 +1,5 @@
-"""MTL material libraries: Kd, d/Tr and map_Kd become a base colour, the statements of mtl_maps.py maps and parameters, every
-other is named as dropped; and the library of a decoded stream, which goes with its OBJ."""
+"""MTL material libraries: Kd, d/Tr and map_Kd become a base colour, the statements of mtl_maps.py become maps and parameters, and
+all others are named as dropped. Also writes the library of a decoded stream, beside its OBJ."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ _SAME = 1e-3  # of numbers that are written with three digits
 
 @dataclass
 class ObjMaterial:
-    """One newmtl. factor: float64 [4], linear once the file is read; texture: file name or None; uv_scale, uv_offset: float64
-    [2], with v upwards; dissolve, transparency: numbers of its `d` and `Tr`, None without; ambient_map: file name of its
-    `map_Ka`; look: what mtl_maps.py reads."""
+    """An entry of a library (newmtl). factor: float64 [4], linear once the file is read; texture: file name or None; uv_scale,
+    uv_offset: float64 [2], with v upwards; dissolve, transparency: numbers of `d` and `Tr`, or None; ambient_map: file name of
+    `map_Ka`; look: the statements of mtl_maps.py."""
 
     name: str
     factor: np.ndarray
@@ -67,7 +67,7 @@ class ObjMaterial:
 
 
 def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
-    """bytes of an .mtl file -> dict name -> ObjMaterial. Errors: TXF-I20 with the line."""
+    """Bytes of an .mtl file -> {name: ObjMaterial}. Raises InputError TXF-I20 with the line."""
     library: dict[str, ObjMaterial] = {}
     current, coding = None, _coding_of(data := as_utf8(data))
     head = data[:_HEAD].decode("latin-1")
@@ -95,7 +95,7 @@ def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
 
 
 def _coding_of(data):
-    """What a text is in: UTF-8, else Latin-1, one character a byte, of which file_search.readings() makes what may be meant."""
+    """Encoding of a text: UTF-8, else Latin-1, a character a byte, which file_search.readings() decodes by other encodings."""
     try:
         bytes(data).decode("utf-8")
     except UnicodeDecodeError:
@@ -104,7 +104,7 @@ def _coding_of(data):
 
 
 def decode_text(data: bytes) -> str:
-    """bytes -> str: UTF-8, else Latin-1, which old exporters write and which never fails."""
+    """Bytes -> str: UTF-8, else Latin-1, which old exporters write and which never fails."""
     return bytes(data).removeprefix(b"\xef\xbb\xbf").decode(_coding_of(data))
 
 
@@ -140,7 +140,7 @@ def _is_grey(rest):
 
 
 def _number(text):
-    """The number that a text is, NaN for any other."""
+    """The number in a text, NaN if there is none."""
     try:
         return float(text)
     except ValueError:
@@ -148,8 +148,8 @@ def _number(text):
 
 
 def _set_alpha(materials, from_meshlab, notes):
-    """Alpha by `d`, else by `Tr`: the transparency, or the opposite, as MeshLab and others write it. No reading is taken where
-    it leaves something invisible and nothing opaque."""
+    """Set alpha by `d`, else by `Tr`. Tr is transparency, but MeshLab and others write opacity; the reading that leaves some
+    material invisible and no material opaque is rejected."""
     by_tr = [material for material in materials if material.dissolve is None and material.transparency is not None]
     readings = [(True, [m.transparency for m in by_tr]), (False, [1.0 - m.transparency for m in by_tr])]
     if not from_meshlab:
@@ -209,7 +209,7 @@ def _split_options(rest):
 
 
 def _set_range(materials, notes):
-    """Brings the colours of a file to 0..1, and names those that do not fit."""
+    """Scale the colours of a file to 0..1, with a remark on those that do not fit."""
     colours = [material.factor[:3] for material in materials]
     rgb = unit_colours(np.array(colours).reshape(-1, 3), notes, "Kd in the MTL file")
     for material, value in zip(materials, rgb, strict=True):
@@ -239,7 +239,7 @@ def _finish(material, notes):
 
 
 def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> Material:
-    """ObjMaterial -> Material, its textures put on the shelf."""
+    """ObjMaterial -> Material. Its textures go to the shelf. folder: folder of the images."""
     texture, name = -1, material.texture
     joined = with_alpha(name, material.look, folder, shelf.notes)
     if joined:
@@ -253,8 +253,8 @@ def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> 
 
 
 def write_mtl(texf: Texf, look: Textured, image_names: list[str]) -> tuple[list[bytes], list[str]]:
-    """(pieces of the MTL file, one entry per material and image; warnings on images that OBJ cannot show as the stream does).
-    image_names: of the files of look.textures."""
+    """(pieces of the MTL file, an entry for each material and image; warnings on images that OBJ shows otherwise than the
+    stream). image_names: file names of look.textures."""
     written, lines = [_write_map(look, n, name) for n, name in enumerate(image_names)], ["# texfcodec"]
     maps = [text for text, _ in written]
     for name, material_look, images in zip(material_names(texf, look), look.looks.looks, look.images, strict=True):
@@ -270,8 +270,8 @@ def write_mtl(texf: Texf, look: Textured, image_names: list[str]) -> tuple[list[
 
 
 def _write_map(look, number, name):
-    """(the text behind a map's statement, warnings). An image repeats in OBJ, or is clamped both ways; where UVs stay within it
-    neither matters, and the option, which some readers take for a part of the name, is left out."""
+    """(text behind a map's statement, warnings). OBJ repeats an image or clamps it along both axes. If UVs stay within the image,
+    the option is left out, because some readers take it for a part of the file name."""
     shown = np.array([number in images.values() for images in look.images], bool)[look.looks.face_look]
     uv = look.corner_uv[shown]
     beyond = ((uv < 0) | (uv > 1)).any(axis=(0, 1))
@@ -285,7 +285,7 @@ def _write_map(look, number, name):
 
 
 def material_names(texf: Texf, look: Textured) -> list[str]:
-    """One distinct name without blanks per pair of material and image, of look.looks."""
+    """A distinct name without blanks for each of look.looks."""
     shared = np.bincount([material_look.number for material_look in look.looks.looks], minlength=len(texf.materials)) > 1
     names = ["_".join(material.name.split()) or "material" for material in texf.materials]
     distinct: list[str] = []

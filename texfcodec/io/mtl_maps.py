@@ -1,6 +1,6 @@
-"""What an MTL entry says beyond Kd, d and map_Kd: the statements of physically based materials, both ways.
+"""Statements of an MTL entry beyond Kd, d and map_Kd, read and written: those of physically based materials.
 
-Pr, Pm and their maps, and norm, are those that Blender, three.js and assimp know. Numbers of Ke are coded as those of Kd are.
+Blender, three.js and assimp know Pr, Pm and their maps, and norm. Numbers of Ke are coded like those of Kd.
 """
 
 from __future__ import annotations
@@ -39,28 +39,28 @@ class MtlMap:
     options: list = field(default_factory=list)
 
     def numbers(self, option: str, usual: tuple[float, ...]) -> tuple[float, ...]:
-        """The values of an option, those that are absent as usual."""
+        """The values of an option. usual: defaults of absent values."""
         values: list = next((values for name, values in self.options if name == option), [])
         return (*map(float, values[: len(usual)]), *usual)[: len(usual)]
 
     @property
     def place(self) -> tuple:
-        """What its UVs are made by: scale, offset and wrap."""
+        """(scale, offset, wrap) of its UVs."""
         clamped = any(name == "-clamp" and values[:1] == ["on"] for name, values in self.options)
         return self.numbers("-s", (1.0, 1.0)), self.numbers("-o", (0.0, 0.0)), (WRAP_CLAMP if clamped else WRAP_REPEAT,) * 2
 
 
 @dataclass
 class MtlLook:
-    """What an entry says of light. numbers: float64 by statement in lower case, those of ke linear once the file is read, its
-    peak apart where it is above 1; maps: MtlMap by channel, `bump` and `alpha` among them."""
+    """Statements of an entry on light. numbers: float64 by statement in lower case, those of ke linear once the file is read and
+    divided by peak; maps: MtlMap by channel, `bump` and `alpha` among them; peak: largest number of ke, at least 1."""
 
     numbers: dict[str, np.ndarray] = field(default_factory=dict)
     maps: dict[str, MtlMap] = field(default_factory=dict)
     peak: float = 1.0
 
     def put(self, key: str, options: list, rest: str) -> None:
-        """One of STATEMENTS. Errors: ValueError where it cannot be read."""
+        """Store a statement, of STATEMENTS. Raises ValueError if it cannot be read."""
         lower = key.lower()
         if lower in _CHANNEL_OF:
             if not rest:
@@ -74,7 +74,7 @@ class MtlLook:
         np.clip(self.numbers[lower], 0.0, None, out=self.numbers[lower])
 
     def coded_emission(self) -> list[np.ndarray]:
-        """The numbers of Ke for linearise_factors(), in 0..1; none where Ke is black or not there."""
+        """The numbers of Ke for linearise_factors(), in 0..1; [] if Ke is black or absent. Sets peak."""
         if "ke" not in self.numbers:
             return []
         if not self.numbers["ke"].any():
@@ -86,8 +86,8 @@ class MtlLook:
 
 
 def complete(material: Material, look: MtlLook, place: tuple, folder: Path, shelf: TextureShelf) -> None:
-    """Gives a Material the maps and parameters of its entry. place: scale, offset and wrap of the UVs of its faces; folder: where
-    images are looked for; they go to the shelf. A map at another place is named as dropped."""
+    """Give a Material the maps and parameters of its entry. place: (scale, offset, wrap) of its faces' UVs; folder: folder of the
+    images, which go to the shelf. If a map has another place, its options are named as dropped."""
     for channel, mtl_map in look.maps.items():
         if channel == "alpha" or channel == "bump" and "normal" in look.maps:
             continue
@@ -98,7 +98,7 @@ def complete(material: Material, look: MtlLook, place: tuple, folder: Path, shel
 
 
 def _put(material, channel, mtl_map, where, shelf):
-    """Puts an image on the shelf and into the material's maps: whether it is shown."""
+    """Put an image on the shelf and into the material's maps, if it can be used; returns whether it is."""
     folder, wrap = where
     at = shelf.put(mtl_map.name, lambda: read_file(folder, mtl_map.name, shelf.notes), mtl_map.name, wrap,
                    "normal" if channel == "bump" else channel)
@@ -116,13 +116,13 @@ def _put(material, channel, mtl_map, where, shelf):
 
 
 def _is_normal_map(image):
-    """Whether an image of `bump`, uint8 [H, W, 4], holds normals, as Blender writes them there, and not heights."""
+    """Whether an image of `bump`, uint8 [H, W, 4], holds normals, as Blender writes, or heights."""
     red, green, blue = image[..., :3].reshape(-1, 3).mean(axis=0)
     return bool(blue >= _BLUE and blue - max(red, green) >= _GREY)
 
 
 def _set_parameters(material, look):
-    """Roughness, metalness and emission. A black factor beside a map is what exporters write who mean the map alone."""
+    """Set roughness, metalness and emission. A factor of 0 beside a map is ignored, because its exporters mean the map alone."""
     for statement, name, usual in (("pr", "roughness", 1.0), ("pm", "metallic", 1.0)):
         value = float(min(look.numbers.get(statement, np.array([usual]))[0], 1.0))
         if name in material.maps and value == 0:
@@ -138,8 +138,8 @@ def _set_parameters(material, look):
 
 
 def with_alpha(texture: str | None, look: MtlLook, folder: Path, notes: Notes) -> tuple[tuple, Callable] | None:
-    """(key, fetch) for the shelf of the image of map_Kd, texture, with the alpha of map_d; None where nothing changes: no map_d,
-    or the same image, whose own alpha it is. Fetch raises InputError TXF-I16, TXF-I17."""
+    """(key, fetch) for the shelf: the image of map_Kd, texture, with the alpha of map_d. None without map_d, or if both are the
+    same image, which has its own alpha. fetch raises InputError TXF-I16, TXF-I17."""
     opacity = look.maps.get("alpha")
     if opacity is None or opacity.name == texture:
         return None
@@ -161,20 +161,21 @@ def with_alpha(texture: str | None, look: MtlLook, folder: Path, notes: Notes) -
 
 
 def _alpha_of(image):
-    """Opacity of an image of map_d, uint8 [H, W]: its alpha where it has any, else its grey."""
+    """Opacity in an image of map_d, uint8 [H, W]: its alpha if any is below 255, else its grey."""
     alpha = image[..., 3]
     return np.ascontiguousarray(alpha if (alpha < 255).any() else image[..., :3].mean(axis=2).round().astype(np.uint8))
 
 
 def alpha_mode_with(look: MtlLook, image: np.ndarray | None, by_factor: int) -> int:
-    """How a material is shown. image: that of its base colour, uint8 [H, W, 4], or None; by_factor: what `d` alone makes."""
+    """Alpha mode of a material. image: of its base colour, uint8 [H, W, 4], or None; by_factor: the mode by `d` alone."""
     if "alpha" in look.maps and image is not None and (image[..., 3] < 255).any():
         return ALPHA_BLEND
     return by_factor
 
 
 def number_lines(material: Material) -> list[str]:
-    """Kd, d, Ke, Pr and Pm of a decoded Material. A colour above 1 has its peak in front, where coding would clip it."""
+    """Lines Kd, d, Ke, Pr and Pm of a decoded Material. Emission above 1 is divided by its peak before sRGB coding, which clips,
+    and multiplied after it."""
     lines = [f"Kd {_text(linear_to_srgb(material.factor[:3]))}", f"d {material.factor[3]:.6g}"]
     if material.unlit:
         return lines
@@ -189,7 +190,7 @@ def number_lines(material: Material) -> list[str]:
 
 
 def map_lines(material: Material, channel: str, target: str) -> list[str]:
-    """The statements of a channel's image, but base colour's. target: what stands behind each."""
+    """Statements of the image of a channel other than base colour. target: text behind each statement."""
     scale = material.parameters.get("normal_scale", (1.0,))[0]
     option = f"-bm {scale:.6g} " if channel == "normal" and scale != 1 else ""
     return [f"{statement} {option}{target}" for statement in MAP_STATEMENTS[channel]]

@@ -1,8 +1,8 @@
-"""Wavefront OBJ -> Scene: polygons become triangles, groups keep their materials, v is turned downwards; and decoded streams ->
-OBJ, with the MTL file of mtl.py beside it where there are textures.
+"""Wavefront OBJ -> Scene: polygons become triangles, groups keep their materials, v points downwards; and decoded streams -> OBJ,
+with the MTL file of mtl.py beside it if there are textures.
 
-Own code rather than trimesh, which rebuilds vertices, knows no texture options and wrap, and costs 0.9 s to import.
-Rows of one statement are parsed together by numpy; only their sorting is a Python loop.
+Own code rather than trimesh, which rebuilds vertices, ignores texture options and wrap, and takes 0.9 s to import.
+numpy parses all rows of a statement together; only the sorting of rows is a Python loop.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _CONTINUED = re.compile(rb"(?<![\x81-\xfe])\\\n")  # behind such a byte "\\" is 
 
 
 class _Statements:
-    """The file sorted by statement: rows of v, vt and f as bytes, and what face rows must remember."""
+    """The file sorted by statement: rows of v, vt, vn and f as bytes, and the state of the file at face rows."""
 
     def __init__(self, lines):
         self.lines = lines
@@ -54,13 +54,13 @@ class _Statements:
         self.shapes = {}  # what is there beside faces -> how many
 
     def line(self, statement, row):
-        """Line number of the row-th v, vt or f; looked up only for a message."""
+        """Line number of the row-th v, vt or f, for messages."""
         numbers = [number for number, line in enumerate(self.lines, 1) if line.split(None, 1)[:1] == [statement]]
         return numbers[row] if row < len(numbers) else None
 
 
 def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """bytes of an .obj file -> Scene. folder: where its libraries and textures are. Errors: TXF-I20 with the line."""
+    """Bytes of an .obj file -> Scene. folder: of its libraries and textures. Raises InputError TXF-I20 with the line."""
     rows = _sort(data, notes)
     if not rows.f:
         raise no_triangles(_beside_faces(rows))
@@ -86,7 +86,7 @@ def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
 
 
 def _respell(materials, textures, encoding):
-    """Gives materials and textures their names in the encoding that the files show."""
+    """Decode the names of materials and textures by the encoding that file names revealed."""
     for item in (*materials, *textures):
         item.name = in_encoding(item.name, encoding)
 
@@ -117,7 +117,7 @@ def _sort(data, notes):
 
 
 def _clean(data):
-    """Line ends, tabs, indents and comments as the exporters that write none of them; keeps the number of lines."""
+    """The text without tabs, indents, continued lines and comments in data, with line ends "\\n". The number of lines stays."""
     data = bytes(data).replace(b"\r\n", b"\n").replace(b"\t", b" ")
     if b"\n" not in data:
         data = data.replace(b"\r", b"\n")
@@ -137,7 +137,7 @@ def _continued(part):
 
 
 def _uncommented(line):
-    """Names may hold a '#', numbers may not."""
+    """The line without a comment if it is a statement of numbers; names may contain "#"."""
     return line.partition(b"#")[0] if b"#" in line and line.split(None, 1)[0] in _DATA else line
 
 
@@ -160,7 +160,7 @@ def _other(rows, head, rest, notes):
 
 
 def _beside_faces(rows):
-    """What a file without faces has, in words."""
+    """Contents of a file without faces, in words."""
     shown = [plural(count, kind, kind + "s") for kind, count in rows.shapes.items()]
     return ", ".join(shown) or (plural(len(rows.v), "vertex", "vertices") + " without faces") * bool(rows.v)
 
@@ -176,7 +176,7 @@ def _face_materials(rows):
 
 
 def _floats(rows, statement, texts, least, fill=np.nan):
-    """Rows of numbers -> float64 [n, widest]; a row may lack columns beyond `least`, they are `fill` then."""
+    """Rows of numbers -> float64 [n, widest]. Rows have at least `least` numbers; `fill` stands for absent ones."""
     widths = np.array([len(text.split()) for text in texts])
     values = parse_numbers(b" ".join(texts), np.float64)
     if not len(texts):
@@ -191,7 +191,7 @@ def _floats(rows, statement, texts, least, fill=np.nan):
 
 
 def _bad_row(rows, statement, texts, least):
-    """The error naming the first row that is not at least so many numbers."""
+    """The error naming the first row that is not `least` or more numbers."""
     for row, text in enumerate(texts):
         values = parse_numbers(text, np.float64)
         if values is None or len(values) != len(text.split()) or len(values) < least:
@@ -231,7 +231,7 @@ def _corners(rows):
 
 
 def _index_tuples(texts, depth):
-    """Rows of 'a/b/c' items with `depth` slashes each -> int64 [n, depth + 1]; None when something else is in them."""
+    """Rows of 'a/b/c' items with `depth` slashes each -> int64 [n, depth + 1]; None if they contain anything else."""
     text = b" ".join(b" ".join(texts).split()) + b" "
     values = parse_numbers(text.replace(b"/", b" "), np.int64)
     letters = np.frombuffer(text, np.uint8)
@@ -267,7 +267,7 @@ def _bad_face(rows, texts):
 
 
 def _uv(rows, indices, material, chosen):
-    """float64 [F, 3, 2] with v downwards, texture options applied; None without texture coordinates."""
+    """UVs float64 [F, 3, 2], v downwards, with texture options applied; None without texture coordinates."""
     if not rows.vt:
         return None
     table = _floats(rows, b"vt", rows.vt, 1, fill=0.0)[:, :2]  # a lone u has v = 0
@@ -284,7 +284,7 @@ def _uv(rows, indices, material, chosen):
 
 
 def _normal(rows, indices):
-    """float64 [F, 3, 3], zero where a corner has none; None where no corner has one."""
+    """Normals float64 [F, 3, 3], zero for corners without; None if no corner has any."""
     if not rows.vn or (indices < 0).all():
         return None
     table = _floats(rows, b"vn", rows.vn, 3)[:, :3]
@@ -294,7 +294,7 @@ def _normal(rows, indices):
 
 
 def _libraries(names, folder, notes):
-    """All materials of the named libraries; a missing file is a fault. A file that names none may have one of its own name."""
+    """All materials of the named libraries; a missing library is a fault. Without names, the library beside the OBJ file."""
     library = {}
     for name in dict.fromkeys(names):
         whole = find_file(folder, name, notes)
@@ -309,7 +309,7 @@ def _libraries(names, folder, notes):
 
 
 def _library_beside(notes):
-    """Materials of the MTL file that has the name of the OBJ file, {} where there is none."""
+    """Materials of the MTL file with the name of the OBJ file, {} if it does not exist."""
     beside = notes.path.with_suffix(".mtl") if notes.path is not None and notes.path.name else None
     data = _library_bytes(beside) if beside is not None and beside.is_file() else None
     if beside is None or data is None:
@@ -320,7 +320,7 @@ def _library_beside(notes):
 
 
 def _library_bytes(path):
-    """bytes of a material file, or None where it cannot be read."""
+    """Bytes of a material file, or None if it cannot be read."""
     try:
         return path.read_bytes()
     except OSError:
@@ -328,8 +328,8 @@ def _library_bytes(path):
 
 
 def _find_materials(names, library, notes):
-    """ObjMaterials of names, None for the default. A name that is not defined may be so in another encoding, letter case or with
-    other blanks; else it is white and a loss."""
+    """ObjMaterials by name; None is the default. An undefined name is looked up in other encodings, letter case and blanks; else
+    its material is white and a loss."""
     similar: dict[str, set[str]] = {}
     for key in library if any(name is not None and name not in library for name in names) else ():
         for reading in (key, *readings(key)):
@@ -356,7 +356,8 @@ def _plain(name):
 
 
 def write_obj_textured(texf: Texf, look: Textured, mtl_name: str) -> Iterator[bytes]:
-    """Pieces of an OBJ file with texture coordinates (v up, as OBJ counts) where faces have images, and shading normals."""
+    """Pieces of an OBJ file with shading normals, and texture coordinates, v upwards, if there are images. mtl_name: file name of
+    the library."""
     yield f"# texfcodec\nmtllib {mtl_name}\n".encode()
     yield _write_rows(f"v {_number(texf)} {_number(texf)} {_number(texf)}\n", texf.positions)
     place = None
@@ -383,8 +384,8 @@ def write_obj_coloured(texf: Texf) -> Iterator[bytes]:
 
 
 def _normals_of(texf):
-    """(normals [N, 3], index int64 [F, 3]), no index where nothing is lit. Readers that find no vn shade flat or smooth, each by
-    its own rule."""
+    """(normals [N, 3], index int64 [F, 3]), or (no rows, None) if no material is lit. Normals are always written, because readers
+    differ in how they shade without vn."""
     return distinct_normals(texf) if len(texf.faces) and are_lit(texf) else (np.zeros((0, 3)), None)
 
 
@@ -393,7 +394,7 @@ def _normal_rows(normal):
 
 
 def _face_rows(chosen, vertex, uv, normal):
-    """Lines of faces. vertex, uv, normal: int64 [F, 3] from 0, the last two or None."""
+    """Lines of faces. vertex, uv, normal: indices int64 [F, 3] from 0; uv and normal may be None."""
     kinds = [index[chosen] + 1 for index in (vertex, uv, normal) if index is not None]
     corner = "%d" + ("/%d" if uv is not None else "/" if normal is not None else "") + "/%d" * (normal is not None)
     return _write_rows(f"f {corner} {corner} {corner}\n", np.stack(kinds, 2).reshape(-1, 3 * len(kinds)))
@@ -416,7 +417,7 @@ def _coloured_line(texf):
 
 
 def _write_rows(line, values, block=65536):
-    """Format every row of values [N, k] with the same line."""
+    """Format every row of values [N, k] by the same line."""
     parts = []
     for start in range(0, len(values), block):
         rows = values[start : start + block]

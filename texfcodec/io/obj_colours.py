@@ -1,5 +1,5 @@
-"""Colours of vertices in OBJ files, which the format does not define: behind the coordinates, as most tools write them, and in
-the comments of ZBrush ("#MRGB") and Meshmixer ("#vcolor")."""
+"""Colours of vertices in OBJ files, which the format does not define. Most tools write them behind the coordinates, ZBrush and
+Meshmixer in comments ("#MRGB" and "#vcolor")."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _WHAT = "colours of vertices"
 
 
 def vertex_colours_of(vertices: np.ndarray, comments: list[tuple[int, bytes]], notes: Notes) -> np.ndarray | None:
-    """float32 linear RGBA [V, 4], white where a vertex has none, or None where none has.
+    """float32 linear RGBA [V, 4], white for vertices without a colour; None if no vertex has any.
 
     vertices: float64 [V, columns] of the v statements, NaN where a row is shorter; comments: (v statements before it, text) of
     each comment that holds colours, in file order.
@@ -39,8 +39,8 @@ def vertex_colours_of(vertices: np.ndarray, comments: list[tuple[int, bytes]], n
 
 
 def _behind(vertices, notes):
-    """sRGB-coded [V, 3 or 4] behind x y z, NaN in rows without, or None. Seven numbers are x y z r g b a, or x y z w r g b where
-    the fourth is always 1 and the last varies."""
+    """sRGB-coded [V, 3 or 4] behind x y z, NaN in rows without, or None. Seven numbers are x y z r g b a, or x y z w r g b if the
+    fourth is always 1 and the last varies."""
     columns = vertices.shape[1]
     if columns < 6:
         if columns > 3 and (np.nan_to_num(vertices[:, 3:], nan=1.0) != 1.0).any():
@@ -65,8 +65,9 @@ def _opaque(rows):
 
 
 def _in_comments(comments, count, notes):
-    """sRGB-coded [V, 3] of the comments, NaN where they have none, or None. A block of MRGB lines colours the vertices after
-    those of the block before it, a vcolor line the vertex before it or, where all follow the vertices, the next."""
+    """sRGB-coded [V, 3] from comments, NaN for vertices without, or None. A block of MRGB lines colours the vertices after those
+    of the previous block. A vcolor line colours the vertex before it; if all lines follow the vertices, line n colours vertex
+    n."""
     if not comments:
         return None
     out = np.full((count, 3), np.nan)
@@ -89,7 +90,8 @@ def _rows(comments, mark):
 
 
 def _polypaint(rows, out):
-    """Fills the colours in of MRGB lines; returns how many belong to no vertex, or None where a line is not hexadecimal."""
+    """Write the colours of MRGB lines into out. Returns the number of colours without a vertex, or None if a line is not
+    hexadecimal."""
     start, extra = 0, 0
     blocks: dict[int, list[bytes]] = {}
     for before, text in rows:
@@ -107,7 +109,7 @@ def _polypaint(rows, out):
 
 
 def _numbered(rows, out, notes):
-    """The same of vcolor lines."""
+    """As _polypaint(), for vcolor lines; None if a line is not numbers."""
     values = parse_numbers(b" ".join(text for _, text in rows), np.float64)
     if values is None or len(values) not in (3 * len(rows), 4 * len(rows)):
         return None

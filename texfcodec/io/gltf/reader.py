@@ -1,7 +1,7 @@
-"""glTF files -> Scene: the node graph, what it shows, and the names of what is left behind.
+"""glTF files -> Scene: the node graph, its meshes and materials, and the names of what is left out.
 
-Own code rather than trimesh, which drops COLOR_0 beside a material, ignores KHR_texture_transform and wrap modes, and
-costs 0.9 s to import.
+Own code rather than trimesh, which drops COLOR_0 beside a material, ignores KHR_texture_transform and wrap modes, and takes 0.9 s
+to import.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _HARMLESS_WHEN_REQUIRED = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp", "
 
 
 def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """bytes of a .glb or .gltf file -> Scene, of the stream that it carries where there is one. folder: where relative URIs
-    start. Errors: see files.py."""
+    """Bytes of a .glb or .gltf file -> Scene. A stream that the file carries is read in place of its meshes. folder: base of
+    relative URIs. Raises errors with codes of texfcodec/findings.py."""
     document = open_document(data, folder, notes)
     _check_required(document)
     scene = _scene_of_stream(document)
@@ -48,7 +48,7 @@ def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
 
 
 def _scene_of_stream(document):
-    """The Scene of the stream that the default scene carries; None where there is none, or none that can be decoded."""
+    """The Scene of the stream that the default scene carries; None if there is no stream, or if it cannot be decoded."""
     from ...decoder import decode_stream
     from ...options import DecodeOptions
     from ...report import Report
@@ -75,7 +75,7 @@ def _scene_of_stream(document):
 
 
 def _scene_of_nodes(document):
-    """The Scene of what the nodes of the default scene show."""
+    """The Scene of the meshes that the default scene's nodes show."""
     looks, notes = {}, document.notes
 
     def look_of(material):
@@ -136,7 +136,7 @@ def _read_nodes(document, meshes):
 
 
 def _roots(document):
-    """Node indices of the default scene; without any scene, all nodes that are nobody's child."""
+    """Root node indices of the default scene; in a file without scenes, all nodes without a parent."""
     scenes = document.entries("scenes")
     if not scenes:
         children = {child for node in document.entries("nodes") for child in _references(node, "children")}
@@ -183,7 +183,7 @@ def _local_matrix(node):
 
 
 def _place(part, world):
-    """The Part in world space; a mirroring transform turns the winding (section 3.5.3)."""
+    """The Part in world space; a mirroring transform reverses the winding (section 3.5.3)."""
     points = np.asarray(part.positions, np.float64)
     faces = part.faces
     if not np.array_equal(world, np.eye(4)):
@@ -210,7 +210,7 @@ def _drop_node_properties(document, node, index):
 
 
 def _drop_rest(document, used_materials):
-    """Name what the file holds beside the shown meshes."""
+    """Name the contents of the file that are not shown meshes."""
     drop = document.notes.drop
     for index, animation in enumerate(document.entries("animations")):
         drop(f"animation {title(animation, index)}")

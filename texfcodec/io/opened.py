@@ -1,4 +1,4 @@
-"""Which files a load has opened, and their sizes: no output may replace one of them, and a stream is compared with its source."""
+"""Files that a load has opened, and their sizes: no output may replace them, and a stream's size is compared with theirs."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ _OPENED: ContextVar[dict[str, int] | None] = ContextVar("opened", default=None)
 
 @contextmanager
 def recording() -> Iterator[dict[str, int]]:
-    """Gives a dict that fills with what opened() is told in the block: {path as text: bytes}, in the order of opening."""
+    """Yields {path as text: bytes} of the files that are opened in the block, in order; opened() fills it."""
     files: dict[str, int] = {}
     token = _OPENED.set(files)
     try:
@@ -20,7 +20,7 @@ def recording() -> Iterator[dict[str, int]]:
 
 
 def opened(path: Path) -> None:
-    """Every reader says of every file, a Path, that it reads it."""
+    """Record a file; every reader calls this for every file that it opens."""
     files = _OPENED.get()
     if files is not None and str(path) not in files:
         try:

@@ -1,4 +1,4 @@
-"""Which files beside an output are its own: those that the file there names, where this program wrote both."""
+"""Side files that belong to an earlier output at the same path: that file names them, and this program wrote both."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ _MOST = 1 << 26  # bytes of a .gltf or .mtl that are read
 
 
 def own_sides(path: Path) -> frozenset[str]:
-    """Names of the files in its folder that an OBJ or .gltf of ours at path came with; none where it is not there or not ours."""
+    """Names of the side files of an OBJ or .gltf that we wrote at path; empty if path does not exist or is not ours."""
     try:
         names = list({".obj": _of_obj, ".gltf": _of_gltf}.get(path.suffix.lower(), _none)(path))
     except (OSError, ValueError, LookupError, AttributeError, TypeError, RecursionError):  # no such file, or not as ours are

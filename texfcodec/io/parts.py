@@ -1,4 +1,4 @@
-"""Parts and their assembly: what every reader produces, and the checks every mesh passes on its way to a Scene."""
+"""Parts, which every reader produces, and their assembly into a Scene, with the checks that every mesh passes."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,12 +20,12 @@ UV_OUTLIER = 1e6
 
 
 class Notes:
-    """What a reader has to tell, each once and in the order of finding: what will look different, as warnings (sentences) and
-    dropped (names), and remarks (sentences) on what changes no picture.
+    """Messages of a reader, each once and in order. Losses change the picture: warnings are sentences, dropped are names. Remarks
+    are sentences on what changes no picture.
 
-    strict: whether faults are errors; limits: what images, and a stream that a file carries, may ask for; path: of the mesh's
-    file, None where it has no name; folders: of file_search.py, what is in each; encoding: of the names in the mesh's text, where
-    a file that one of them names shows it, else None."""
+    strict: whether faults are errors; limits: of images and of a stream that a file carries; path: of the mesh's file, None
+    without a name; folders: entries of each folder, kept by file_search.py; encoding: of the names in the mesh's text, if a file
+    with such a name revealed it, else None."""
 
     def __init__(self, strict: bool = False, limits: Limits | None = None) -> None:
         self.strict, self.limits = strict, limits or Limits()
@@ -46,23 +46,23 @@ class Notes:
         self._dropped[name] = None
 
     def lose(self, name: str, sentence: str) -> None:
-        """What is not found, not read or guessed: a loss of this name, and a warning that says what is seen instead."""
+        """Record a loss: the name of something missing, unread or guessed, and a warning that states what is shown instead."""
         self.drop(name)
         self.warn(sentence)
 
     def fault(self, code: str, message: str, name: str, **details: object) -> None:
-        """A fault the reader can repair: InputError when strict, else a warning and a loss of this name."""
+        """Report a fault that the reader can repair: InputError if strict, else a warning and a loss of this name."""
         if self.strict:
             raise InputError(code, message, **details)
         self.lose(name, f"{message} ({code})")
 
     def check_pixels(self, count: int, name: str) -> None:
-        """LimitError TXF-I40 for an image, called by its name, of more pixels than are allowed; before anything is decoded."""
+        """Raises LimitError TXF-I40 if an image has more pixels than allowed; called before decoding. name: of the image."""
         if self.limits.image_pixels is not None and count > self.limits.image_pixels:
             raise self.too_many_pixels(count, name)
 
     def too_many_pixels(self, count: int | None, name: str) -> LimitError:
-        """The error for such an image; count: None where it is not known."""
+        """The error for an image with too many pixels. count: None if unknown."""
         return LimitError("TXF-I40", f"image '{name}' has more pixels than the limit allows", value=count,
                           allowed=self.limits.image_pixels)
 
@@ -85,9 +85,9 @@ class Part:
 
     positions: float [V, 3]; faces: integer [F, 3]; material: index, or integer [F];
     uv: float [V, 2] or [F, 3, 2] in glTF convention, or None; color: float32 linear RGBA [V, 4] or [F, 3, 4], or None;
-    label: how messages call it; map_uv: as uv, by channel name, for channels with other UVs; normal: float [V, 3] or [F, 3, 3] of
-    any length, or None; tangent: float [V, 4] or [F, 3, 4], or None; influences: (joints, weights), each [V, J], of a skin that
-    is not applied yet, or None; rows: int64 [V] of the vertices in the file, for messages, or None where they are as there.
+    label: name in messages; map_uv: as uv, by channel name, for channels with other UVs; normal: float [V, 3] or [F, 3, 3] of any
+    length, or None; tangent: float [V, 4] or [F, 3, 4], or None; influences: (joints, weights), each [V, J], of a skin that is
+    not applied yet, or None; rows: int64 [V], index of each vertex in the file, for messages, or None if it is the same.
     """
 
     positions: np.ndarray
@@ -104,14 +104,13 @@ class Part:
 
 
 def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:
-    """Names the alpha of colours of a format that has no alpha modes: nothing asks for it."""
+    """Name alpha below 1 in colours as dropped, for formats that define no transparency."""
     if color is not None and (color[..., 3] < 1).any():
         notes.drop("alpha of the colours (the format does not define transparency)")
 
 
 def alpha_mode_of(factor: np.ndarray) -> int:
-    """How a material with a base colour factor, [4], is shown in a format that has no alpha modes: it blends where it is
-    see-through."""
+    """Alpha mode of a material in a format without alpha modes: it blends if its alpha is below 1. factor: base colour, [4]."""
     return ALPHA_BLEND if factor[3] < 1.0 else ALPHA_OPAQUE
 
 
@@ -127,10 +126,10 @@ def linear_rgba(coded: np.ndarray) -> np.ndarray:
 
 
 def linearise_factors(factors: list[np.ndarray], exporter: str, where: str, notes: Notes) -> None:
-    """Makes base colours linear, in place, of a format that does not say how they are coded: viewers show them as sRGB-coded, and
-    that is what they are taken for, but Blender writes linear ones.
+    """Convert base colours of a format that does not define their coding to linear, in place. They are taken as sRGB-coded, as
+    viewers do, unless Blender wrote them, whose colours are linear.
 
-    factors: float64 [4] each; exporter: text in which the file's exporter names itself; where: the file's kind, for the remark.
+    factors: float64 [4] each; exporter: text that names the file's exporter; where: the file's kind, for the remark.
     """
     if "blender" in exporter.lower():
         if any(((0 < factor[:3]) & (factor[:3] < 1)).any() for factor in factors):
@@ -142,10 +141,9 @@ def linearise_factors(factors: list[np.ndarray], exporter: str, where: str, note
 
 def assemble(parts: list[Part], materials: list[Material], textures: list[Texture], notes: Notes,
              metadata: dict | None = None, pools: VertexPools | None = None) -> Scene:
-    """Join parts into one Scene: unreferenced vertices go, indices and numbers are checked.
+    """Join Parts into a Scene, check indices and numbers, and remove vertices that no face uses.
 
-    parts: list of Part; notes: Notes, which also decides strictness; pools: what the Parts were taken from, to count what no face
-    uses; None where each has all of its vertices.
+    pools: the vertex pools that the Parts come from, to count unused vertices; None if each Part has all of its own vertices.
     Errors: TXF-I13 face index out of range, TXF-I14 NaN or infinite vertex in use, TXF-I15 no triangles,
     TXF-I18 NaN or infinite UV (strict only), LimitError TXF-I41 too many faces.
     """
@@ -178,12 +176,12 @@ def assemble(parts: list[Part], materials: list[Material], textures: list[Textur
 
 
 def no_triangles(holds: str = "") -> InputError:
-    """The error TXF-I15. holds: what the input has instead, such as "800 points"; "" for nothing that shows."""
+    """The error TXF-I15. holds: contents of the input, such as "800 points", or ""."""
     return InputError("TXF-I15", "the input has no triangles" + (f": it has {holds}" if holds else ""))
 
 
 def check_face_count(count: int) -> None:
-    """LimitError TXF-I41 beyond MAX_FACES."""
+    """Raises LimitError TXF-I41 for more than MAX_FACES faces."""
     if count > MAX_FACES:
         raise LimitError("TXF-I41", "the input has too many faces", value=int(count), allowed=MAX_FACES)
 
@@ -203,7 +201,7 @@ def _empty_scene(count, parts, materials, textures, metadata):
 
 
 def _used_vertices(part):
-    """(positions in use, faces into them, vertices left out, of these not finite)."""
+    """(used positions, faces into them, number of vertices left out, number of those that are not finite)."""
     points = np.asarray(part.positions, np.float64).reshape(-1, 3)
     faces = np.asarray(part.faces).astype(np.int64, copy=False)
     if faces.min() < 0 or faces.max() >= len(points):
@@ -231,7 +229,8 @@ def _fill_attributes(scene, part, rows):
 
 
 def _fill_map_uv(scene, parts):
-    """UVs of channels whose maps have others than the material's own on some face; those of the other faces are as there."""
+    """Fill scene.map_uv for channels whose maps have other UVs than the material's on some face; other faces keep the
+    material's."""
     row = 0
     for part in parts:
         rows = slice(row, row + len(part.faces))
@@ -247,7 +246,7 @@ def _at_corners(values, faces):
 
 
 def _repair_uv(scene, notes):
-    """UVs without a texture become zero, broken ones too (named), far ones stay (named)."""
+    """Set UVs without a texture to zero, and broken UVs too, with a fault; far UVs stay, with a warning."""
     textured = np.array([material.texture >= 0 or bool(material.maps) for material in scene.materials], bool)
     for uv in (scene.corner_uv, *scene.map_uv.values()):
         if not textured.all():
@@ -271,7 +270,7 @@ def _repair_one_uv(corner_uv, notes):
 
 
 def _repair_color(scene, notes):
-    """glTF 3.7.2.1: colours are clamped to [0, 1], with a remark; NaN becomes 1 (no change), a loss."""
+    """Clamp colours to [0, 1], with a remark (glTF 3.7.2.1); NaN becomes 1, a neutral factor, with a loss."""
     color = scene.corner_color
     if color is None:
         return

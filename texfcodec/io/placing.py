@@ -1,4 +1,4 @@
-"""Axes and units of formats that state them, as glTF has them: +Y is up, +Z faces forward, and a unit is a metre."""
+"""Axes and units of formats that state them, converted to glTF's: +Y is up, +Z is forward, and the unit is a metre."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _AXES = {
 
 @dataclass(frozen=True)
 class Placing:
-    """up: the axis of the file that is up, "X", "Y" or "Z"; metres: those of a unit of it."""
+    """up: the file's axis that points up, "X", "Y" or "Z"; metres: length of the file's unit."""
 
     up: str = "Y"
     metres: float = 1.0
@@ -35,8 +35,8 @@ class Placing:
 
 
 def placing_of(up: str, metres: float | None, where: str, notes: Notes) -> Placing:
-    """Placing of a file, with a remark where it moves anything. up: an unknown axis counts as "Y"; metres: of a unit, None for 1;
-    where: "the COLLADA file"."""
+    """Placing of a file, with a remark if it changes positions. up: an unknown axis counts as "Y"; metres: length of the unit,
+    None for 1; where: the file's name in remarks, such as "the COLLADA file"."""
     if metres is not None and not (math.isfinite(metres) and metres > 0):
         notes.remark(f"the unit of {where} is not a length; a metre is used")
         metres = None

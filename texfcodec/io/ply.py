@@ -50,7 +50,7 @@ _WRITTEN = ("red", "green", "blue", "alpha")
 
 
 def read_ply(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """bytes of a .ply file -> Scene. folder: where its textures are. Errors: TXF-I21."""
+    """Bytes of a .ply file -> Scene. folder: of its textures. Raises InputError TXF-I21."""
     header, tables = read_tables(data)
     vertex, face = tables.get("vertex", {}), tables.get("face", tables.get("faces", {}))
     if any(axis not in vertex or isinstance(vertex[axis], tuple) for axis in "xyz"):
@@ -81,7 +81,7 @@ def _index_list(table):
 
 
 def _polygons(part, vertex, face, materials, notes):
-    """The Part, which has the properties of its vertices, with the faces and theirs."""
+    """The Part, whose vertices have their properties, with triangles and the properties of faces."""
     indices, sizes = indices_of(part.faces), np.asarray(_index_list(face)[1], np.int64)
     corners, row_of = triangulate(part.positions, indices, sizes, notes)
     wedges, color = _corner_uv(face, sizes, corners, notes), _face_color(face, sizes, corners, row_of, notes)
@@ -111,8 +111,8 @@ def _materials(header, folder, shelf):
 
 
 def _face_material(vertex, face, faces, row_of, materials, notes):
-    """MeshLab's texnumber of faces, or of the first vertices of faces: material of each, int64 [F], or 0. -1 is a face without an
-    image, for which `materials` gets one."""
+    """Material of each face, int64 [F], or 0 for all: MeshLab's texnumber of the face, or of its first vertex. -1 is a face
+    without an image; a material for such faces is appended to materials."""
     number = face.get("texnumber", vertex.get("texnumber"))
     if number is None or isinstance(number, tuple) or materials[0].texture < 0 and len(materials) == 1:
         return 0
@@ -129,7 +129,7 @@ def _face_material(vertex, face, faces, row_of, materials, notes):
 
 
 def _corner_uv(face, sizes, corners, notes):
-    """float64 [F, 3, 2] of MeshLab's list of texture coordinates, v turned downwards; None without."""
+    """UVs float64 [F, 3, 2], v downwards, from MeshLab's list of texture coordinates; None without."""
     name = next((name for name in _WEDGES if isinstance(face.get(name), tuple)), None)
     if name is None or not len(face[name][0]):
         return None
@@ -142,7 +142,7 @@ def _corner_uv(face, sizes, corners, notes):
 
 
 def _uv(vertex):
-    """float64 [V, 2], v turned downwards, or None."""
+    """UVs float64 [V, 2], v downwards, or None."""
     plain = {name for name in vertex if not isinstance(vertex[name], tuple)}
     names = next((names for names in _UV_NAMES if plain.issuperset(names)), None)
     return None if names is None else _turned(np.stack([np.asarray(vertex[name], np.float64) for name in names], axis=1))
@@ -154,7 +154,7 @@ def _turned(uv):
 
 
 def _color_names(table):
-    """Names of red, green, blue and, where there is one, alpha of a base colour, or []."""
+    """Property names of red, green, blue and any alpha of a base colour, or []."""
     plain = [name for name in table if not isinstance(table[name], tuple)]
     by_prefix: dict[str, list[str]] = {}
     for name in plain:
@@ -170,7 +170,7 @@ def _color_names(table):
 
 
 def _coded(table, names, notes, what):
-    """sRGB-coded colours of the properties, [n, 3 or 4] in [0, 1]. Those of one type share a range."""
+    """sRGB-coded colours from properties, [n, 3 or 4] in [0, 1]. Properties of the same type share a range. what: for remarks."""
     columns = [np.asarray(table[name]) for name in names]
     if len({column.dtype for column in columns}) == 1:
         return unit_colours(np.stack(columns, axis=1), notes, what)
@@ -187,7 +187,7 @@ def _vertex_color(vertex, notes):
 
 
 def _face_color(face, sizes, corners, row_of, notes):
-    """float32 linear RGBA [F, 3, 4] of faces or, in a list, of their corners; None where there are none."""
+    """float32 linear RGBA [F, 3, 4] from colours of faces or from a list of corner colours; None without."""
     names = _color_names(face)
     if names:
         return np.repeat(linear_rgba(_coded(face, names, notes, "colours of faces"))[row_of][:, None], 3, axis=1)
@@ -200,20 +200,20 @@ def _face_color(face, sizes, corners, row_of, notes):
 
 
 def _normal(vertex):
-    """float64 [V, 3], or None."""
+    """Normals float64 [V, 3], or None."""
     if any(name not in vertex or isinstance(vertex[name], tuple) for name in _NORMALS):
         return None
     return np.stack([np.asarray(vertex[name], np.float64) for name in _NORMALS], axis=1)
 
 
 def _rows(table):
-    """How many rows an element has."""
+    """Number of rows of an element."""
     first = next(iter(table.values()), ())
     return len(first[1] if isinstance(first, tuple) else first)
 
 
 def _instead(tables):
-    """What a file without triangles has, in words."""
+    """Contents of a file without triangles, in words."""
     vertex = tables["vertex"]
     if {"f_dc_0", "rot_0", "scale_0"} <= vertex.keys():
         return plural(_rows(vertex), "Gaussian splat", "Gaussian splats")
@@ -229,7 +229,7 @@ def _drop_element(name, table, notes):
 
 
 def _drop_rest(vertex, face, parts, header, notes):
-    """Names the properties that are not read, and what of the textures has no use."""
+    """Name the properties that are not read, and textures or texture coordinates that lack their counterpart."""
     for part in parts:
         drop_alpha(part.color, notes)
     has_uv = any(part.uv is not None for part in parts)
@@ -249,8 +249,8 @@ def _drop_rest(vertex, face, parts, header, notes):
 
 
 def write_ply_surface(texf: Texf) -> tuple[list, list[str]]:
-    """(pieces of a PLY file, names of what is dropped): mesh with vertex colours (u8 sRGB, alpha only if the stream has any), and
-    normals if every vertex has one of its own; several at a vertex would tear the surface."""
+    """(pieces of a PLY file, names of losses): the mesh with vertex colours, 8-bit sRGB, alpha only if the stream has any.
+    Normals are written if no vertex has several, because splitting vertices would tear the surface."""
     vertex, index, _, rgba = vertex_colours(texf, with_material=False)
     faces = np.empty(len(index), np.dtype([("n", "u1"), ("v", "<i4", 3)]))
     faces["n"], faces["v"] = 3, index
@@ -264,14 +264,14 @@ def write_ply_surface(texf: Texf) -> tuple[list, list[str]]:
 
 
 def write_ply_points(texf: Texf) -> list:
-    """Pieces of a PLY file: voxel centres with colours."""
+    """Pieces of a PLY file with voxel centres and their colours."""
     voxels = texf.voxels()
     vertices, lines = _write_vertices(texf, voxels["center"], voxels["rgba"])
     return [_write_header(lines), vertices.data]
 
 
 def _write_vertices(texf, points, rgba, normals=None):
-    """Packed vertex records and their header lines; double coordinates where float would lose the lattice."""
+    """(packed vertex records, their header lines). Coordinates are double if float would lose the lattice."""
     kind, name = ("<f4", "float") if float32_is_enough(texf) else ("<f8", "double")
     channels = _WRITTEN[: 4 if texf.has_alpha else 3]
     fields = [("p", kind, 3), ("n", "<f4", 3), ("c", "u1", len(channels))]

@@ -1,6 +1,6 @@
-"""PLY files as tables: {element: {property: numbers}}, of ascii and both binary orders.
+"""PLY files, ascii or binary in both byte orders, as tables: {element: {property: numbers}}.
 
-An element whose lists all have the same length is read as one structured array; mixed lengths take a Python loop.
+An element whose lists have the same length is read as a structured array; mixed lengths take a Python loop.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def malformed(what: str, **details: object) -> InputError:
 
 
 def read_tables(data: bytes) -> tuple[PlyHeader, dict[str, dict]]:
-    """bytes of a .ply file -> (its header, {element: {property: array [n], or for lists (values [sum], lengths [n])}}); names are
-    in lower case. Errors: TXF-I21."""
+    """Bytes of a .ply file -> (header, {element: {property: array [n], or for lists (values [sum], lengths [n])}}). Names are in
+    lower case. Raises InputError TXF-I21."""
     header = _read_header(data)
     return header, _read_elements(data, header)
 
@@ -104,17 +104,17 @@ def _read_elements(data, header):
 
 
 class _Binary:
-    """A body of numbers that are `order` and type letters apart."""
+    """Binary body of a PLY file. at: byte position in data; order: byte order, "<" or ">"."""
 
     def __init__(self, data, at, order):
         self.data, self.at, self.order = data, at, order
 
     def type_of(self, kind):
-        """The dtype of what the header calls kind."""
+        """Stored dtype of a type of the header."""
         return np.dtype(self.order + kind)
 
     def stored(self, values, kind):
-        """Values as the header says that they are."""
+        """Values in their type of the header."""
         return values
 
     def _take(self, kind, count, element):
@@ -126,7 +126,7 @@ class _Binary:
         return values
 
     def uniform(self, element):
-        """The element as one structured array when every list is as long as in the first row; else None."""
+        """The element's table, read as a structured array, if all rows have lists as long as the first row's; else None."""
         fields: list[tuple] = []
         lengths: list[int | None] = []
         at = self.at
@@ -159,7 +159,7 @@ class _Binary:
         return table
 
     def rows(self, element):
-        """The element row by row, for lists of different lengths."""
+        """The element's table, read row by row, for lists of different lengths."""
         table: dict[str, list[np.ndarray]] = {name: [] for name, _, _ in element.properties}
         for _ in range(element.count):
             for name, kind, counter in element.properties:
@@ -176,7 +176,7 @@ class _Binary:
 
 
 class _Text(_Binary):
-    """Every number of an ascii body at once, as float64."""
+    """Ascii body of a PLY file, with all numbers parsed at once as float64."""
 
     def __init__(self, body):
         values = parse_numbers(bytes(body), np.float64)
@@ -192,7 +192,7 @@ class _Text(_Binary):
 
 
 def _stored(values, kind):
-    """Numbers of an ascii file in their declared type, so that uchar colours are recognised; large ones stay floats."""
+    """Numbers of an ascii file in their declared type, so that uchar colours are recognised. Numbers out of range stay floats."""
     if kind[0] == "f" or values.dtype.kind != "f":
         return values
     info = np.iinfo(kind)
@@ -201,7 +201,7 @@ def _stored(values, kind):
 
 
 def indices_of(values: np.ndarray) -> np.ndarray:
-    """Vertex indices as int64; what is no index becomes -1, which assemble refuses."""
+    """Vertex indices as int64; invalid numbers become -1, which assemble() refuses."""
     if values.dtype.kind != "f":
         return values.astype(np.int64)
     return np.where(np.isfinite(values) & (np.abs(values) < 2**53), values, -1).astype(np.int64)

@@ -1,4 +1,4 @@
-"""What readers of polygons share: numbers written as text, and polygons that become triangles."""
+"""Numbers in text, and triangulation of polygons, for all readers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _CHUNK = 1 << 18  # corners tested together; bounds the memory of large quad mes
 
 
 def parse_numbers(text: bytes, dtype: type) -> np.ndarray | None:
-    """bytes of numbers between blanks -> array [n], or None when something in it is no number."""
+    """Bytes of numbers between blanks -> array [n], or None if anything else is among them."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # older numpy deprecates, newer raises, on unmatched text
         try:
@@ -37,10 +37,10 @@ def triangulate(points: np.ndarray, corners: np.ndarray, sizes: np.ndarray, note
     """Polygons in space -> (int64 [F, 3] corner numbers, int64 [F] polygon of each triangle), polygon by polygon.
 
     points: float [V, 3]; corners: int64 [C] point of each corner, one polygon after another; sizes: int64 [P] corners per
-    polygon. Corner numbers count through all polygons, so that UVs and colours of corners travel along. Every triangle
-    faces the way of its polygon (its Newell normal). A polygon that its fan from the first corner covers stays that fan;
-    others are cut by mapbox_earcut in their own plane. What crosses itself or has no area is named through notes.warn.
-    Corners that name no point, or one that is not finite, are left to the check of faces.
+    polygon. Corner numbers count through all polygons, so that they also index UVs and colours of corners. Every triangle
+    faces the same way as its polygon (Newell normal). A polygon that the fan from its first corner covers becomes that fan;
+    mapbox_earcut cuts the others in their own plane. A warning counts polygons that cross themselves or have no area.
+    Corners with invalid indices or points that are not finite are left to the check of faces.
     """
     small = int((sizes < 3).sum())
     if small:
@@ -92,7 +92,7 @@ def _fans(sizes):
 
 
 def _by_size(sizes):
-    """(rows of polygons of one size of four or more, that size), at most _CHUNK corners at once."""
+    """Yields (rows of polygons of the same size, that size) for sizes from four, with at most _CHUNK corners at a time."""
     order = np.argsort(sizes, kind="stable")
     order = order[np.searchsorted(sizes[order], 4) :]
     for rows in np.split(order, np.flatnonzero(np.diff(sizes[order])) + 1):
@@ -103,9 +103,9 @@ def _by_size(sizes):
 
 
 def _folded(rings):
-    """[Q, n, 3] corners -> (bool [Q] the fan from corner 0 does not cover the polygon, bool [Q] it has no area at all).
+    """[Q, n, 3] corners -> (bool [Q] whether the fan from corner 0 does not cover the polygon, bool [Q] whether it has no area).
 
-    A fan covers when no triangle faces against the polygon and the angles at its first corner stay below a full turn.
+    A fan covers its polygon if no triangle faces against it and the angles at its first corner sum to less than a full turn.
     NaN compares false, so polygons with broken points keep their fan.
     """
     spokes = rings[:, 1:] - rings[:, :1]
@@ -124,7 +124,7 @@ def _folded(rings):
 
 
 def _cut(rings):
-    """[Q, n, 3] polygons that are no fans -> (list of int [m, 3] triangles, bool [Q] True where one crosses itself)."""
+    """[Q, n, 3] polygons that fans do not cover -> (list of int [m, 3] triangles, bool [Q] whether each crosses itself)."""
     flat, area = _in_plane(rings)
     if rings.shape[1] == 4:  # where one diagonal fails, the other one is left
         cuts = list(np.tile([[1, 2, 3], [1, 3, 0]], (len(rings), 1, 1)))
@@ -142,7 +142,7 @@ def _cut(rings):
 
 
 def _cut_ears(ring):
-    """[n, 2] -> int64 [m, 3], m = n - 2 wherever the polygon is simple."""
+    """Polygon [n, 2] -> triangles int64 [m, 3], m = n - 2 if the polygon is simple."""
     import mapbox_earcut
 
     cut = mapbox_earcut.triangulate_float64(ring, np.array([len(ring)], np.uint32)).reshape(-1, 3).astype(np.int64)
@@ -150,7 +150,7 @@ def _cut_ears(ring):
 
 
 def _in_plane(rings):
-    """[Q, n, 3] -> (float64 [Q, n, 2] in the plane of each Newell normal and of a size near 1, float64 [Q] area)."""
+    """[Q, n, 3] -> (float64 [Q, n, 2] in the plane of each Newell normal, scaled to a size near 1; areas float64 [Q])."""
     flat = rings - rings[:, :1]
     flat = flat / np.maximum(np.abs(flat).max(axis=(1, 2), keepdims=True), 1e-300)
     areas = np.cross(flat, np.roll(flat, -1, axis=1))
@@ -165,10 +165,10 @@ def _in_plane(rings):
 
 
 def _turns_twice(flat):
-    """[Q, n, 2] -> bool [Q]: the edges do not turn round exactly once, as they do where none crosses another.
+    """[Q, n, 2] -> bool [Q]: whether the edges certainly do not make exactly one full turn, as those of a simple polygon do.
 
-    Ears can be cut from a ring that winds twice, and their areas add up. Spikes, which turn by half a turn either way,
-    and edges without length leave it open.
+    Ear cutting accepts a ring that winds twice, and its areas add up. Spikes, which turn by half a turn either way, and edges
+    without length leave the answer open; it is then False.
     """
     edges = np.roll(flat, -1, axis=1) - flat
     after = np.roll(edges, -1, axis=1)
@@ -183,7 +183,8 @@ def _signed_areas(flat, triangles):
 
 
 def _with_corners_on_edges(triangles, corners):
-    """Ear cutting leaves out corners on straight edges; each splits the triangle of its edge, so that neighbours fit."""
+    """Triangles with the corners on straight edges that ear cutting leaves out: each splits the triangle at its edge, so that
+    neighbours fit."""
     used = sorted({corner for triangle in triangles for corner in triangle})
     row_of = {frozenset((triangle[k - 1], triangle[k])): row for row, triangle in enumerate(triangles) for k in range(3)}
     for a, b in zip(used, used[1:] + used[:1], strict=True):

@@ -1,4 +1,4 @@
-"""How many digits a file needs: written positions must stay within a quarter of the lattice the decoder worked on."""
+"""Precision of written positions: their error must stay below a quarter of the lattice spacing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TAME = 1e15  # beyond this (or below its inverse) float32 squares, which every 
 
 
 def float32_is_enough(texf: Texf) -> bool:
-    """Whether world coordinates survive float32 to a quarter of the lattice spacing and stay where viewers can square them."""
+    """Whether float32 holds world coordinates to a quarter of the lattice spacing, and in a range that viewers can square."""
     if len(texf.positions) == 0 or not texf.side > 0:
         return bool(np.abs(texf.positions).max(initial=0.0) < _TAME)
     return reach(texf) * 2.0**-24 <= spacing(texf) / 4 and reach(texf) < _TAME and texf.side > 1 / _TAME
@@ -31,18 +31,18 @@ def reach(texf: Texf) -> float:
 
 
 def decimal_digits(texf: Texf) -> int:
-    """Significant decimal digits that text formats need for the same precision, 6..17."""
+    """Significant decimal digits for the same precision in text formats, 6..17."""
     if not spacing(texf) > 0 or reach(texf) == 0:
         return 17
     return min(max(math.ceil(math.log10(reach(texf)) - math.log10(spacing(texf))) + 2, 6), 17)
 
 
 def local_frame(texf: Texf, points: np.ndarray) -> tuple[np.ndarray, list[float] | None, float | None]:
-    """Points in a frame that float32 can hold, and the node that brings them back.
+    """Points in a frame that float32 can hold, and the transform of the node that brings them back.
 
     points: float64 [N, 3] world. Returns (float32 [N, 3], translation list or None, scale float or None):
-    world = translation + scale * point. Ordinary meshes stay in world space; far-off ones are moved to the origin of their
-    cube; very large or very small ones are also scaled by its side.
+    world = translation + scale * point. Most meshes stay in world space. Those far from the origin are relative to the origin
+    of their cube; very large and very small meshes are also divided by its side.
     """
     if float32_is_enough(texf):
         return points.astype(np.float32), None, None

@@ -1,4 +1,4 @@
-"""What a decoded mesh looks like with images: fields over texels keep theirs and their UVs, fields over voxels share an atlas."""
+"""Images and UVs of a decoded mesh: fields over texels keep their own, fields over voxels share an atlas."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class Textured:
-    """corner_uv: float64 [F, 3, 2], v downwards (glTF), beyond 0..1 where an image wraps; textures: Texture of each image, uint8
-    [H, W, 3] or [H, W, 4]; steps: for each of them, levels that its values were quantised to, 0 for exact ones, None where the
-    stream does not say; looks: what each primitive is made of; images: for each look, the texture of each channel by name;
-    corner_tangent: float32 [F, 3, 4], None where no normal map is; warnings: one sentence each."""
+    """A decoded mesh with images. corner_uv: float64 [F, 3, 2], v downwards (glTF), beyond 0..1 if an image wraps; textures: of
+    each image, uint8 [H, W, 3] or [H, W, 4]; steps: quantiser step of each image's values in levels of 255, 0 for exact values,
+    None if the stream does not state it; looks: materials of the faces; images: for each look, index of the texture by channel
+    name; corner_tangent: float32 [F, 3, 4], None without a normal map; warnings: sentences."""
 
     corner_uv: np.ndarray
     textures: list[Texture]
@@ -39,13 +39,13 @@ class Textured:
 
     @property
     def face_image(self) -> np.ndarray:
-        """Texture of every face's base colour, int64 [F], -1 where it has none."""
+        """Index of the texture of each face's base colour, int64 [F]; -1 for faces without."""
         return np.array([images.get(BASE_COLOUR.name, -1) for images in self.images], np.int64)[self.looks.face_look]
 
 
 def textured(texf: Texf, looks: Looks, texture_size: int | None = None, atlas: str = "auto") -> Textured:
-    """Images and UVs of a decoded stream (Texf). looks: of looks_of(); texture_size, atlas: of the atlas of fields over voxels,
-    see bake(); its images come first. UVs are 0 where a face has no image. Raises InputError TXF-O10..O12."""
+    """Images and UVs of a decoded stream (Texf). looks: of looks_of(); texture_size, atlas: as in bake(), for fields over voxels.
+    Images of the atlas come first. UVs of faces without an image are 0. Raises InputError TXF-O10..O12."""
     check_arguments(texture_size, atlas)
     normal = None
     corner_uv, warnings, of_skin = np.zeros((len(texf.faces), 3, 2)), [], []
@@ -75,14 +75,14 @@ def textured(texf: Texf, looks: Looks, texture_size: int | None = None, atlas: s
 
 
 def _step(texf, skin, faces, names):
-    """The smallest step of channels, by their names in materials, in the fields of faces; None where no unit says any."""
+    """The smallest step of the channels, named as in materials, in the faces' fields; None if no unit states a step."""
     fields = [texf.fields[number] for number in np.unique(texf.face_field[faces]).tolist()]
     known = [part.steps.get(channel_over(name, skin.field is not None).name) for part in fields for name in names]
     return min((step for step in known if step is not None), default=None)
 
 
 def _faces_of(texf, looks, skin):
-    """Faces of a field over texels, or those of the atlas that have an image: int64 [n]."""
+    """Faces of a Skin, int64 [n]: those of a field over texels, or those over voxels that have an image."""
     if skin.field is not None:
         return np.flatnonzero(texf.face_field == skin.field)
     over_texels = np.array([part.over_texels for part in texf.fields], bool)
@@ -107,7 +107,7 @@ def _of_sheet(image, wrap, sheet, apart):
 
 
 def _of_atlas(texf, looks, skin, normal, arguments):
-    """As _of_texels, of the atlas that all fields over voxels share."""
+    """As _of_texels(), for the atlas that all fields over voxels share."""
     faces = _faces_of(texf, looks, skin)
     if not skin.has_base and not skin.sheets:
         return [], np.zeros((len(faces), 3, 2)), []

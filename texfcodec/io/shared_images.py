@@ -1,8 +1,8 @@
-"""Images that several materials of a decoded stream can share, so that a file holds each once: equal ones, and tints of one.
+"""Images that several materials of a decoded stream can share: equal images, and tints of the same image. A file holds them once.
 
-A stream has base colour with its factor in the values, so that 18 tints of one texture are 18 fields. Where images of base colour
-are multiples of each other, channel by channel in linear light, one image and factors show them as well: the image takes each
-channel from the brightest of them, so that no factor is above 1.
+In a stream, base colour has its factor in the values, so that 18 tints of a texture are 18 fields. If images of base colour are
+multiples of each other, channel by channel in linear light, a joint image and factors show the same. The joint image takes each
+channel from the brightest image, so that no factor is above 1.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _LUT = srgb_to_linear(np.arange(256) / 255.0)
 
 
 def with_shared_images(look: Textured, tints: bool) -> Textured:
-    """The Textured with equal images once and, with tints, images of base colour that are multiples of one image as that image
-    and factors of their materials. Fields over voxels, which share an atlas, keep it."""
+    """The Textured with equal images merged. tints: whether images of base colour that are multiples of each other also become a
+    joint image and factors of their materials. The atlas of fields over voxels stays."""
     textures, into = list(look.textures), _first_equals(look.textures)
     factors: dict[int, np.ndarray] = {}  # by number of the image that is left out, or kept as the joint one
     for group in _tint_groups(look, [number for number in _colours_over_texels(look) if into[number] == number]) if tints else ():
@@ -47,7 +47,7 @@ def with_shared_images(look: Textured, tints: bool) -> Textured:
 
 
 def _first_equals(textures):
-    """{number: number of the first texture that shows the same}."""
+    """{number of a texture: number of the first texture that is equal}."""
     into: dict[int, int] = {}
     for number, texture in enumerate(textures):
         into[number] = next((n for n in range(number) if into[n] == n and _is_equal(textures[n], texture)), number)
@@ -55,7 +55,8 @@ def _first_equals(textures):
 
 
 def _with(look, textures, into, factors):
-    """The Textured with images renumbered: into says which stands for which."""
+    """The Textured with images renumbered. into: {number of an image: number of the image in its place}; factors: of materials,
+    by number of the image."""
     kept = sorted(set(into.values()))
     place = {number: kept.index(first) for number, first in into.items()}
     looks = []
@@ -72,7 +73,7 @@ def _with(look, textures, into, factors):
 
 
 def _is_equal(first: Texture, other: Texture) -> bool:
-    """Whether two textures show the same."""
+    """Whether two textures are equal in image, coding, wrap and filter."""
     return _kind(first) == _kind(other) and np.array_equal(first.image, other.image)
 
 
@@ -87,7 +88,7 @@ def _colours_over_texels(look):
 
 
 def _tint_groups(look, numbers):
-    """Groups of two and more images that are multiples of the first of each, as far as samples say."""
+    """Groups of two or more images that are multiples of the group's first, according to samples."""
     groups: list[list[int]] = []
     thumbs = {number: _LUT[_thumb(look.textures[number].image)] for number in numbers}
     for number in numbers:
@@ -109,7 +110,8 @@ def _thumb(image):
 
 
 def _are_multiples(first, other, tolerance):
-    """Whether channels of two linear images, float64 [H, W, 3], are multiples of each other, the darker of the brighter."""
+    """Whether each channel of two linear images, float64 [H, W, 3], is a multiple of the other image's. tolerance: RMS in
+    levels."""
     for c in range(3):
         bright, dark = sorted((first[..., c], other[..., c]), key=np.mean, reverse=True)
         if _rms(_scaled(bright, _ratio(bright, dark)) - 255 * linear_to_srgb(dark)) > tolerance:
@@ -118,7 +120,7 @@ def _are_multiples(first, other, tolerance):
 
 
 def _joint_image(textures, group):
-    """The image of a group: each channel of its brightest member, uint8 [H, W, 3 or 4]."""
+    """The joint image of a group, uint8 [H, W, 3 or 4]: each channel is that of its brightest member."""
     members = [textures[number].image for number in group]
     joint = members[0].copy()
     for c in range(3):
@@ -127,7 +129,7 @@ def _joint_image(textures, group):
 
 
 def _factor(joint, look, number):
-    """The factor float64 [3] by which the joint image shows image `number`; None where it does not."""
+    """The factor float64 [3] that turns the joint image into image `number`; None if no factor does."""
     image, factor = look.textures[number].image, np.ones(3)
     whole, block = _tolerances(look, number)
     if image.shape[2] == 4 and not np.array_equal(image[..., 3], joint[..., 3]):
@@ -142,18 +144,18 @@ def _factor(joint, look, number):
 
 
 def _tolerances(look, number):
-    """Levels of RMS that an image may be off, and a block of it."""
+    """(largest RMS error of an image, largest of a block of it), in levels."""
     step = look.steps[number] or 0.0
     return max(EXACT, STEPS[0] * step), max(4 * EXACT, STEPS[1] * step)
 
 
 def _ratio(bright, dark):
-    """The factor that brings one linear plane nearest to another."""
+    """Least-squares factor from one linear plane to another."""
     return float((bright * dark).sum() / max((bright * bright).sum(), 1e-12))
 
 
 def _scaled(light, factor):
-    """A linear plane times a factor, in levels as it would be coded."""
+    """A linear plane times a factor, as sRGB-coded levels."""
     return 255 * linear_to_srgb(light * factor)
 
 

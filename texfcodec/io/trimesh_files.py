@@ -1,6 +1,6 @@
-"""STL, OFF and 3MF -> Scene by trimesh. This file refuses what trimesh would misread or not survive, and names the rest.
+"""STL, OFF and 3MF -> Scene by trimesh. This module refuses files that trimesh would misread or crash on, and names what is lost.
 
-trimesh ignores trailing and missing facets, lines and objects; it has one place for the parts of a 3MF, and no bound on nesting.
+trimesh ignores trailing and missing facets, lines and objects, takes all parts of a 3MF as the same, and has no bound on nesting.
 """
 
 import io
@@ -43,7 +43,7 @@ def _malformed(kind, what, **details):
 
 
 def _parsed(data, suffix, notes):
-    """The trimesh.Scene of bytes as they stand. What trimesh raises, of whatever type, is a malformed file."""
+    """The trimesh.Scene of bytes, unprocessed. Any exception of trimesh means a malformed file."""
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else Python prints its warnings with their tracebacks
     try:
         import trimesh
@@ -61,8 +61,8 @@ def _parsed(data, suffix, notes):
 
 
 def read_stl(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """bytes of an .stl file -> Scene; equal corners become one vertex. folder: not needed, an STL names no file.
-    Errors: TXF-I23."""
+    """Bytes of an .stl file -> Scene; equal corners become one vertex. folder: unused, an STL names no file. Raises InputError
+    TXF-I23."""
     counted = _START + _FACET * int.from_bytes(data[80:_START], "little")
     is_binary = len(data) == counted or data[:512].lstrip()[:5].lower() != b"solid"
     data, facets = _whole_binary(data, notes) if is_binary else _whole_text(data)
@@ -100,7 +100,7 @@ def _whole_text(data):
 
 
 def _weld(mesh):
-    """Joins equal corners, in order of first use: bits are compared, as trimesh would join what a tolerance apart."""
+    """Merge corners with equal bits, in order of first use; trimesh would merge corners within a tolerance."""
     points = np.asarray(mesh.vertices, np.float64) + 0.0  # -0 becomes 0, which is the same place
     first, index = unique_corners(*points.view(np.int64).T)
     order = np.argsort(first)
@@ -111,8 +111,8 @@ def _weld(mesh):
 
 
 def _paint(mesh, header, notes):
-    """Colours of facets, 5 bits a channel, red first in the Magics dialect and blue first in VisCAM's. Magics has the colour of
-    all other facets in the header; without it they are white."""
+    """Set colours of facets, 5 bits a channel: red comes first in the Magics dialect, blue in VisCAM's. Facets without a colour
+    have that of the header in Magics, else white."""
     attribute, place = mesh.face_attributes.pop("stl"), header.find(b"COLOR=")
     magics = 0 <= place <= 70
     own = (attribute >> 15 == 0) if magics else (attribute >> 15 == 1)
@@ -128,7 +128,7 @@ def _paint(mesh, header, notes):
 
 
 def read_off(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """bytes of an .off file -> Scene. folder: not needed, an OFF names no file. Errors: TXF-I23."""
+    """Bytes of an .off file -> Scene. folder: unused, an OFF names no file. Raises InputError TXF-I23."""
     text = re.sub(rb"#[^\r\n]*", b"", decode_text(data).encode())
     header = _OFF_HEADER.match(text)
     uv, color, normal, four, many = (bool(mark) for mark in header.groups()) if header else (False,) * 5
@@ -166,7 +166,7 @@ def _check_polygons(rows, notes):
 
 
 def read_3mf(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """bytes of a .3mf file -> Scene with Y up, in metres. folder: not needed, all is in the archive.
+    """Bytes of a .3mf file -> Scene with Y up, in metres. folder: unused, all files are in the archive.
     Errors: TXF-I24, TXF-I19, TXF-I41, SupportError TXF-I35 without lxml and networkx."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -193,7 +193,8 @@ def read_3mf(data: bytes, folder: Path, notes: Notes) -> Scene:
 
 
 def _survey(part, notes):
-    """(unit, number of triangles placed) of a model part, by one pass over its XML; names what trimesh leaves out."""
+    """(unit, number of placed triangles) of a model part, by a single pass over its XML. Names contents that trimesh leaves
+    out."""
     unit, objects, items = "millimeter", {}, []
     for event, element in ElementTree.iterparse(part, events=("start", "end")):
         tag = element.tag.rpartition("}")[2]
@@ -224,7 +225,7 @@ def _references(element: Any, ending: str) -> Iterator[str]:
 
 
 def _placed_faces(objects, items):
-    """Triangles of all instances, counted before anything is placed."""
+    """Number of triangles of all instances, before any is placed."""
     stack: list[tuple[str, tuple]] = [(key, ()) for key in items]
     faces = instances = 0
     while stack:

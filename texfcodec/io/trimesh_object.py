@@ -1,6 +1,6 @@
-"""Mesh objects already in memory: trimesh meshes and scenes -> Scene, and the check of a Scene made by a caller.
+"""Mesh objects in memory: trimesh meshes and scenes -> Scene, and the check of a caller's Scene.
 
-Works on attributes only, so that trimesh need not be imported here.
+This module uses attributes only and does not import trimesh.
 """
 
 from typing import Any
@@ -23,7 +23,7 @@ def is_trimesh(thing: object) -> bool:
 
 
 def read_trimesh(thing: Any, notes: Notes) -> Scene:
-    """trimesh.Trimesh or trimesh.Scene -> Scene. trimesh keeps v upwards and colours sRGB-coded in 8 bits."""
+    """trimesh.Trimesh or trimesh.Scene -> Scene. In trimesh v points upwards and colours are sRGB-coded 8-bit values."""
     shelf, materials, parts = TextureShelf(notes), [], []
     for label, mesh, matrix in _placed(thing, notes):
         materials.append(_material(mesh, shelf, notes, label))
@@ -35,7 +35,7 @@ def read_trimesh(thing: Any, notes: Notes) -> Scene:
 
 
 def _placed(thing, notes):
-    """(label, mesh, world matrix) of everything with faces."""
+    """[(label, mesh, world matrix)] of all geometry with faces."""
     if not hasattr(thing, "geometry"):
         return [("the mesh", thing, np.eye(4))]
     meshes = []
@@ -71,7 +71,7 @@ def _uv(mesh):
 
 
 def _color(mesh):
-    """float32 linear RGBA [V, 4] or [F, 3, 4]; None when the mesh has only a material or trimesh's default grey."""
+    """float32 linear RGBA [V, 4] or [F, 3, 4]; None if the mesh has only a material or trimesh's default grey."""
     kind = getattr(mesh.visual, "kind", None)
     if kind == "vertex":
         return linear_rgba(np.asarray(mesh.visual.vertex_colors) / 255.0)
@@ -81,7 +81,7 @@ def _color(mesh):
 
 
 def _material(mesh, shelf, notes, label):
-    """PBRMaterial or SimpleMaterial -> Material; trimesh stores factors as 8 bits, the second's are sRGB-coded."""
+    """PBRMaterial or SimpleMaterial -> Material. trimesh stores 8-bit factors; those of a SimpleMaterial are sRGB-coded."""
     source = getattr(mesh.visual, "material", None)
     if source is None:
         return Material("default")
@@ -120,7 +120,7 @@ def _check_maps(material, textures):
 
 
 def _check_parameters(material):
-    """Numbers, as many as each parameter has; only what is infinite by default may be."""
+    """Check that each parameter has the right number of values; a value may be infinite only if its default is."""
     for name, value in material.parameters.items():
         default = PARAMETER_BY_NAME[name].default if name in PARAMETER_BY_NAME else ()
         whole = isinstance(value, tuple | list) and len(value) == len(default) > 0
@@ -133,7 +133,7 @@ def _check_parameters(material):
 
 
 def _check_arrays(scene):
-    """Arrays of the kinds of numbers that Scene names; those that it may go without may be None."""
+    """Check that the arrays have the kinds of numbers that Scene requires; optional arrays may be None."""
     optional = ("corner_color", "corner_normal", "corner_tangent")
     named = {name: getattr(scene, name) for name in ("positions", "faces", "face_material", "corner_uv", *optional)}
     for name, values in (*named.items(), *((f"map_uv[{name!s:.40}]", uv) for name, uv in scene.map_uv.items())):
@@ -146,7 +146,8 @@ def _check_arrays(scene):
 
 
 def check_scene(scene: Scene) -> Scene:
-    """The same Scene, when its arrays and materials fit together. Errors: TXF-I13, TXF-I14, TXF-I15, TXF-I22."""
+    """The same Scene, after checking that its arrays and materials fit together. Raises InputError TXF-I13, TXF-I14, TXF-I15,
+    TXF-I22."""
     _check_arrays(scene)
     count, points = len(scene.faces), len(scene.positions)
     shapes = {"positions": (points, 3), "faces": (count, 3), "face_material": (count,), "corner_uv": (count, 3, 2),

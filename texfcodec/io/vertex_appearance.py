@@ -1,4 +1,4 @@
-"""What a decoded mesh looks like without an image: its colours at vertices or voxels, and the splitting of shared vertices."""
+"""Appearance of a decoded mesh without images: colours at vertices, and the splitting of shared vertices."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 def unique_corners(*keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Merge corners that agree in every key; the first key is the outermost order of the result.
 
-    keys: integer [N] each. Returns (first int64 [U]: a corner standing for each merged vertex; index int64 [N]: its number).
+    keys: integer [N] each. Returns (first int64 [U]: a corner of each merged vertex; index int64 [N]: merged vertex of each
+    corner).
     """
     order = np.lexsort(keys[::-1])
     new = np.zeros(len(order), bool)
@@ -29,7 +30,7 @@ def unique_corners(*keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def vertex_colours(texf: Texf, with_material: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Colours at mesh vertices; a vertex is split where fields (and, if asked, materials) meet, as their colours may differ.
+    """Colours at mesh vertices. A vertex is split if fields meet there, or with with_material if materials do.
 
     Returns (vertex int64 [U] into texf.positions, index int64 [F, 3] into it, material int64 [U], rgba float32 [U, 4] 0..255
     sRGB-coded, straight alpha).

@@ -1,8 +1,8 @@
-"""Colours at vertices in place of an image, where they show a field as well as an image would.
+"""Colours at vertices in place of an image, if they show a field as well as an image would.
 
-A stream does not say whether its colours came from an image or from vertices, so that the field itself is asked: colours are
-fitted to the vertices and compared with it between them. Measured at r01 and r03: fields that came from vertices are met with
-43.8 to 47.7 dB of RGB, which an atlas meets with 46 to 57, and fields that came from images with 24.9 to 33.3 dB.
+A stream does not state whether its colours came from an image or from vertices. So colours are fitted to the vertices and
+compared with the field between them. Measured at r01 and r03: fits to fields from vertices have 43.8 to 47.7 dB of RGB, for which
+an atlas has 46 to 57; fits to fields from images have 24.9 to 33.3 dB.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ TAIL = (0.999, 32.0)  # levels that so many of the points stay within: small pri
 
 @dataclass
 class VertexColours:
-    """rgba: float64 [U, 4], 0..255, colour sRGB-coded, straight alpha; index: int64 [n, 3] into it, for every face; psnr: dB of
-    RGB between them and the field, where viewers interpolate in linear light."""
+    """Colours of face corners. rgba: float64 [U, 4], 0..255, sRGB-coded, straight alpha; index: int64 [n, 3] into rgba, for every
+    face; psnr: dB of RGB between the colours, interpolated in linear light as in viewers, and the field."""
 
     rgba: np.ndarray
     index: np.ndarray
@@ -38,8 +38,8 @@ class VertexColours:
 
 
 def vertex_fit(texf: Texf, faces: np.ndarray) -> VertexColours | None:
-    """Colours at the corners of some faces, int64 [n], that are closest to the field between them; None where an image shows
-    more. texf: decoded stream (Texf)."""
+    """Colours at the corners of faces that fit the field between them best; None if an image shows more. texf: decoded stream
+    (Texf); faces: int64 [n]."""
     area = _areas(texf, faces)
     if not len(faces) or not area.sum() > 0:
         return None
@@ -67,7 +67,7 @@ def psnr_at_vertices(texf: Texf) -> float | None:
 
 
 def _at_corners(texf, faces):
-    """(values float64 [U, 4] of the field at corners, index int64 [n, 3] into them)."""
+    """(values of the field at corners, float64 [U, 4]; index into them, int64 [n, 3])."""
     corner = texf.faces[faces].ravel()
     _, first, index = np.unique(corner * len(texf.fields) + np.repeat(texf.face_field[faces], 3), return_index=True,
                                 return_inverse=True)
@@ -83,7 +83,7 @@ def _areas(texf, faces):
 
 
 def _sampled(texf, faces, index, area, count):
-    """Points that stand evenly on the faces: (their corners' numbers int64 [M, 3], weights float64 [M, 3], colours [M, 4])."""
+    """Points evenly distributed on the faces: (corners int64 [M, 3] into rgba, weights float64 [M, 3], colours [M, 4])."""
     total = np.cumsum(area)
     face = np.searchsorted(total, (np.arange(count) + 0.5) * (total[-1] / count)).clip(0, len(faces) - 1)
     turn = np.random.default_rng(0).random((count, 2))
@@ -94,7 +94,7 @@ def _sampled(texf, faces, index, area, count):
 
 
 def _residual(rgba, corners, weights, shown):
-    """What the field shows and interpolated colours do not, float64 [M, 4]; a colour counts as much as it is seen."""
+    """The field's values minus interpolated colours, float64 [M, 4]; colour is weighted by alpha."""
     light = np.column_stack([srgb_to_linear(rgba[:, :3] / 255), rgba[:, 3] / 255])
     between = np.einsum("mk,mkc->mc", weights, light[corners])
     off = shown - 255 * np.column_stack([linear_to_srgb(between[:, :3]), between[:, 3]])
@@ -103,13 +103,13 @@ def _residual(rgba, corners, weights, shown):
 
 
 def _error(off):
-    """(PSNR in dB of the worse of colour and alpha, levels that the tail of the points stays within)."""
+    """(PSNR in dB, the lower of colour and alpha; the TAIL quantile of errors, in levels)."""
     mean = max(float((off[:, :3] ** 2).mean()), float((off[:, 3] ** 2).mean()), 1e-6)
     return 10 * np.log10(255**2 / mean), float(np.quantile(np.abs(off).max(axis=1), TAIL[0]))
 
 
 def _closer(rgba, corners, weights, off):
-    """Every colour moved by the mean of what is missing around it."""
+    """Every colour moved by the weighted mean of the residuals around it."""
     flat, count = corners.ravel(), len(rgba)
     total = np.bincount(flat, weights.ravel(), count)
     moved = [np.bincount(flat, (weights * off[:, c : c + 1]).ravel(), count) for c in range(4)]

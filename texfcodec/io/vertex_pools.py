@@ -1,4 +1,4 @@
-"""Vertices that several meshes of a file share: each takes those that its faces use, so that memory goes with the faces."""
+"""Vertices that several meshes of a file share: each mesh takes those that its faces use, so that memory is linear in faces."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 
 def used_rows(indices: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """(the rows that indices name, ascending; indices into those rows), or None where all `count` rows are named or an index is
-    out of range. indices: integers of any shape, which the second has too. Seconds go with the indices, not with the rows."""
+    """(rows that indices refer to, ascending; indices into those rows), or None if they refer to all `count` rows or if an index
+    is out of range. indices: integers of any shape, which the second array keeps. Time is linear in indices, not in rows."""
     if not indices.size or indices.min() < 0 or indices.max() >= count:
         return None
     if indices.size < count // 8:
@@ -21,14 +21,14 @@ def used_rows(indices: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray] 
 
 
 class VertexPools:
-    """The pools of a file, and which of their vertices faces use."""
+    """The vertex pools of a file, with flags for the vertices that faces use."""
 
     def __init__(self) -> None:
         self._pools: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
 
     def take(self, key: Hashable, positions: np.ndarray, indices: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
-        """(rows of the pool that a mesh takes, indices into them), with None for all rows. key: of the pool; positions: [V, 3] of
-        all its vertices, as stored; indices: integers of any shape."""
+        """(rows of the pool that a mesh uses, or None for all; indices into them). key: of the pool; positions: [V, 3] of all its
+        vertices, as stored; indices: integers of any shape."""
         if key not in self._pools:
             self._pools[key] = positions, np.zeros(len(positions), bool)
         used = self._pools[key][1]
@@ -41,7 +41,7 @@ class VertexPools:
         return taken
 
     def unused(self) -> tuple[int, int]:
-        """How many vertices no face uses, and how many of those are NaN or infinite."""
+        """(number of vertices that no face uses, number of those that are NaN or infinite)."""
         count = broken = 0
         for positions, used in self._pools.values():
             left = np.flatnonzero(~used)

@@ -1,4 +1,4 @@
-"""What alpha makes of materials: which are entirely invisible, and where exporters mean opaque by 0."""
+"""Visibility by alpha: materials that are entirely invisible, and exporters that write 0 for opaque."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _COARSE = np.array([[1, 1, 1], [3, 0, 0], [0, 3, 0], [0, 0, 3], [1.5, 1.5, 0], [
 
 
 def vanishes(alphas: list[float]) -> bool:
-    """Whether a file of these alphas shows something invisible and nothing opaque, which nobody means."""
+    """Whether some material is invisible and none is opaque, which nobody means. alphas: of a file's materials."""
     return any(not alpha > 0 for alpha in alphas) and not any(alpha >= 1 for alpha in alphas)
 
 
 def turn_where_all_vanish(materials: list[Material], where: str, notes: Notes) -> None:
-    """Takes 1 - alpha for the alpha of all materials where one has an alpha of 0 and none is opaque: a guess, so a named loss.
-    Only for formats whose exporters disagree on what the number means.
+    """Replace alpha by 1 - alpha in all materials if some alpha is 0 and no material is opaque. This is a guess and so a named
+    loss, for formats whose exporters disagree on the meaning of the number.
 
-    where: what the materials stand in, for the message.
+    where: the file's name in the message.
     """
     if not vanishes([1.0 if material.alpha_mode == ALPHA_OPAQUE else float(material.factor[3]) for material in materials]):
         return
@@ -41,7 +41,7 @@ def turn_where_all_vanish(materials: list[Material], where: str, notes: Notes) -
 
 
 def name_invisible(scene: Scene, notes: Notes) -> None:
-    """Warns of every material in use of which no point can be seen."""
+    """Warn of every used material whose surface is invisible everywhere."""
     used = np.bincount(scene.face_material, minlength=len(scene.materials))
     for number, material in enumerate(scene.materials):
         if used[number] and material.alpha_mode != ALPHA_OPAQUE and not _shows(scene, number):
@@ -52,7 +52,7 @@ def name_invisible(scene: Scene, notes: Notes) -> None:
 
 
 def _shows(scene, number):
-    """Whether any point of the faces of a material can be seen."""
+    """Whether any point on the faces of material `number` is visible."""
     material, faces = scene.materials[number], np.flatnonzero(scene.face_material == number)
     least = material.alpha_cutoff if material.alpha_mode == ALPHA_MASK else np.nextafter(0, 1)
     image = None if material.texture < 0 else scene.textures[material.texture].image[..., 3]
@@ -64,7 +64,7 @@ def _shows(scene, number):
 
 
 def _looks(count) -> Iterator[tuple[slice, np.ndarray]]:
-    """(faces, barycentric points [N, 3]) to look at, cheapest first."""
+    """Yields (faces, barycentric points [N, 3]) to test, cheapest first. count: number of faces."""
     yield slice(0, count, max(1, count // _FEW)), _COARSE
     for begin in range(0, count, _BLOCK):
         yield slice(begin, begin + _BLOCK), _COARSE
@@ -77,7 +77,7 @@ def _looks(count) -> Iterator[tuple[slice, np.ndarray]]:
 
 
 def _most(scene, number, faces, points):
-    """Largest alpha at points [N, 3] of faces [F]."""
+    """Largest alpha at barycentric points [N, 3] of faces [F]."""
     material = scene.materials[number]
     texture = scene.textures[material.texture]
     height, width = texture.image.shape[:2]
@@ -90,7 +90,7 @@ def _most(scene, number, faces, points):
 
 
 def _texel(at, size, wrap):
-    """Columns or rows of the texels that coordinates fall into."""
+    """Column or row of the texel at each coordinate. at: UV along an axis; size: texels along it."""
     if wrap == WRAP_CLAMP:
         at = np.clip(at, 0.0, 1.0)
     elif wrap == WRAP_MIRROR:

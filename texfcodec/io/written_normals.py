@@ -1,4 +1,4 @@
-"""Shading normals as text and vertex formats hold them."""
+"""Shading normals for formats that are text or have normals at vertices."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _SAME = 1 - 1e-4  # cosine of the angle, 0.8 degrees, within which normals at a 
 
 
 def are_lit(texf: Texf) -> bool:
-    """Whether normals change what a viewer shows: some material in use is not unlit."""
+    """Whether any used material is lit, so that normals change the picture."""
     return any(not texf.materials[number].unlit for number in np.unique(texf.face_material).tolist())
 
 
 def distinct_normals(texf: Texf) -> tuple[np.ndarray, np.ndarray]:
-    """(float64 [N, 3] of four decimals, index int64 [F, 3] into it) of the shading normals of face corners."""
+    """(distinct shading normals of face corners, float64 [N, 3] with four decimals; index int64 [F, 3] into them)."""
     steps = np.rint(texf.shading_normals().reshape(-1, 3).astype(np.float64) * _STEPS).astype(np.int64) + _STEPS
     packed = (steps[:, 0] << 40) + (steps[:, 1] << 20) + steps[:, 2]
     kinds, index = np.unique(packed, return_inverse=True)
@@ -28,8 +28,8 @@ def distinct_normals(texf: Texf) -> tuple[np.ndarray, np.ndarray]:
 
 
 def normals_at_vertices(texf: Texf, index: np.ndarray, count: int) -> np.ndarray | None:
-    """Normals of merged vertices, float32 [count, 3]; None where a vertex has several. index: int64 [F, 3] of every corner's
-    vertex. Faces without area have no part in it."""
+    """Normals of merged vertices, float32 [count, 3]; None if a vertex has several. index: vertex of every corner, int64 [F, 3].
+    Faces without area are ignored."""
     normal, corner = texf.shading_normals().reshape(-1, 3), index.ravel()
     first = np.zeros((count, 3), np.float32)
     there = np.repeat(face_areas(texf) > 0, 3)

@@ -1,4 +1,4 @@
-"""Baking: a decoded texture field fitted into an atlas, in bounded memory."""
+"""Baking: fits decoded fields into an atlas, in bounded memory."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 @dataclass
 class Baked:
-    """image: uint8 [H, W, 4] RGBA, sRGB-coded, straight alpha, row 0 at v = 0; every texel filled; system: what it was fitted
-    with; warnings: sentences."""
+    """A baked atlas. image: uint8 [H, W, 4] RGBA, sRGB-coded, straight alpha, row 0 at v = 0, every texel filled; system: the
+    AtlasSystem that fitted it; warnings: sentences."""
 
     atlas: Atlas
     image: np.ndarray
@@ -37,8 +37,8 @@ def bake(texf: Texf, texture_size: int | None = None, atlas: str | Atlas = "auto
     same faces; chosen: int64 [n], numbers of the faces to bake, or None for all. Returns Baked, its atlas over the chosen faces.
     Raises InputError TXF-O10..O12 (see make_atlas). At 4096 x 4096 it needs about 700 MB.
 
-    Colours are those whose bilinear picture is closest to the field, see AtlasSystem; texels that no look-up on the surface
-    reaches carry on the neighbouring colours, so mip levels stay clean.
+    The bilinear picture of the colours is closest to the field, see AtlasSystem. Texels that no look-up on the surface reaches
+    continue the neighbouring colours, so that mip levels stay clean.
     """
     chosen = np.arange(len(texf.faces)) if chosen is None else np.asarray(chosen, np.int64)
     if isinstance(atlas, Atlas):
@@ -53,7 +53,7 @@ def bake(texf: Texf, texture_size: int | None = None, atlas: str | Atlas = "auto
 
 
 def _bake_opaque(texf, chosen, system, image):
-    """Fills in the colours of an image, uint8 [H, W, 4], and alpha 255."""
+    """Fill an image, uint8 [H, W, 4], with colours and alpha 255."""
     image[..., 3] = 255
     values = system.fitted(lambda points, face: texf.query(points, chosen[face])[:, :3], 3, threads=texf.threads)
     image[system.covered, :3] = to_bytes(values)
@@ -61,7 +61,7 @@ def _bake_opaque(texf, chosen, system, image):
 
 
 def _bake_blended(texf, chosen, system, image):
-    """Alpha and colours. Colours that nobody can see, where alpha is 0 on a blended or masked face, count for nothing."""
+    """Fill an image with colours and alpha. Invisible colours, at alpha 0 on blended or masked faces, have no weight."""
     sees_alpha = np.array([m.alpha_mode != ALPHA_OPAQUE for m in texf.materials])[texf.face_material[chosen]]
 
     def colours(points, face):
@@ -79,14 +79,14 @@ def _bake_blended(texf, chosen, system, image):
 
 
 def _check_atlas(atlas, count):
-    """Kernels index by these numbers: an atlas made for another mesh must not reach them."""
+    """Raises InputError TXF-O10 if an atlas belongs to another mesh, because kernels index by its numbers."""
     uv = atlas.corner_uv
     if uv.shape != (count, 3, 2) or not ((uv >= 0) & (uv <= 1)).all():
         raise InputError("TXF-O10", "the atlas does not belong to this mesh", faces=count, value=str(uv.shape))
 
 
 def _resolution(texf, chosen):
-    """Voxels along the longest side of the chosen faces."""
+    """Number of voxels along the longest side of the chosen faces."""
     if len(chosen) == len(texf.faces) or not texf.side > 0:
         return texf.resolution
     longest = np.ptp(texf.positions[texf.faces[chosen]].reshape(-1, 3), axis=0).max(initial=0.0)

@@ -1,6 +1,6 @@
 """Packing charts into a square: tallest first, each dropped onto the skyline of those before it (Levy et al. 2002, LSCM).
 
-The skyline is followed with each chart's own lower outline, not its box, and all outlines are widened by the gutter, so no two
+A chart rests on the skyline with its lower outline, not with its box. All outlines are widened by the gutter, so that no two
 charts come closer than twice the gutter. Long lists end in a sweep instead of a search, which keeps the work linear.
 """
 
@@ -18,7 +18,7 @@ _TRIALS = 8  # densities tried; each packs everything once
 
 
 def upright(flat: np.ndarray, chart: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Turn each chart so that its box is smallest and stands upright, corner at the origin.
+    """Turn each chart so that its box is smallest and upright, with a corner at the origin.
 
     flat: float64 [F, 3, 2]; chart: int64 [F] in 0..count-1. Returns (flat float64 [F, 3, 2], extent float64 [count, 2]).
     """
@@ -79,7 +79,7 @@ def flat_areas(flat: np.ndarray) -> np.ndarray:
 
 
 def _next_scale(scale, room, floor, ceiling):
-    """Height grows roughly with the square of the scale; stay inside the bracket known so far."""
+    """The next scale to try, between the bounds known so far; height grows roughly with the square of the scale."""
     guess = scale * math.sqrt(room) * 0.992
     if not floor < guess < ceiling:
         guess = 0.5 * (floor + ceiling) if ceiling < math.inf else scale * 1.2
@@ -104,7 +104,7 @@ def _boxes(flat, chart, cos, sin, box):
 
 @kernel
 def _outline(flat, members, scale, gutter, low, high):
-    """Lowest and highest texel row needed per texel column by a chart's faces widened by the gutter; returns the width.
+    """Write the lowest and highest texel row of each texel column of a chart's faces, widened by the gutter; returns the width.
 
     low, high: int64 [>= width], overwritten; columns without a face keep low > high.
     """
@@ -128,7 +128,7 @@ def _outline(flat, members, scale, gutter, low, high):
 
 @kernel
 def _rest_height(skyline, x, low, width, limit):
-    """Row at which an outline comes to rest at column x, or limit as soon as it cannot rest below it."""
+    """Row at which an outline comes to rest at column x, or limit if that row is not below limit."""
     row = 0
     for i in range(width):
         row = max(row, skyline[x + i] - low[i])
@@ -139,7 +139,7 @@ def _rest_height(skyline, x, low, width, limit):
 
 @kernel
 def _find_place(skyline, low, width, first, last):
-    """Lowest resting place with first <= x <= last, the leftmost of equals: (x, row)."""
+    """(x, row) of the lowest resting place with first <= x <= last, the leftmost of equals."""
     best_x, best_row = first, _rest_height(skyline, first, low, width, 1 << 40)
     for x in range(first + 1, last + 1):
         row = _rest_height(skyline, x, low, width, best_row)

@@ -22,8 +22,8 @@ def grow_charts(points: np.ndarray, faces: np.ndarray, groups: np.ndarray,
 
     points: float64 [V, 3] in texels at the intended density; faces: int64 [F, 3]; groups: int64 [F], charts never mix
     groups; largest: texels a chart may extend.
-    Returns (flat float64 [F, 3, 2], chart int64 [F], extent float64 [n, 2]): corners in texels, upright in their chart with the
-    box's corner at the origin and the mean stretch of the projection undone; the chart of each face, 0..n-1; each chart's box.
+    Returns (flat float64 [F, 3, 2], chart int64 [F], extent float64 [n, 2]): corners in texels, in an upright chart whose box has
+    a corner at the origin, with the mean stretch of the projection undone; chart of each face, 0..n-1; size of each chart's box.
     Work is linear in faces and covered texels. Charts that fill little of their box (frames, rings) are grown again, smaller.
     """
     points = np.ascontiguousarray(points)
@@ -51,7 +51,7 @@ def grow_charts(points: np.ndarray, faces: np.ndarray, groups: np.ndarray,
 
 
 def _is_hollow(flat, chart, extent):
-    """Charts that would waste much of the atlas: large boxes filled to less than a third."""
+    """Whether each chart would waste much of the atlas, bool [n]: a large box filled to less than a third."""
     filled = np.bincount(chart, flat_areas(flat), minlength=len(extent))
     return (filled < 0.33 * extent.prod(1)) & (extent.prod(1) > 64 * 64)
 
@@ -72,9 +72,8 @@ def _normals(points, faces):
 
 
 def _edge_rings(faces):
-    """For every half-edge (3 f + i) the next and the previous half-edge on the same undirected edge, in a ring.
-
-    A ring keeps non-manifold edges connected with two steps per half-edge, however many faces share the edge.
+    """(next, previous) half-edge in the ring of all half-edges on the same undirected edge, int64 [3 F] each, for every half-edge
+    3 f + i. A ring connects any number of faces at a non-manifold edge with two steps per half-edge.
     """
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
@@ -94,7 +93,7 @@ def _edge_rings(faces):
 
 
 def _smoothed(weighted, ahead):
-    """Area-weighted mean normals [F, 3] over two rings of neighbours; zero where everything cancels or has no area."""
+    """Area-weighted mean unit normals [F, 3] over two rings of neighbours; zero if they cancel or have no area."""
     total = weighted
     for _ in range(2):
         total = total + total[ahead[0::3] // 3] + total[ahead[1::3] // 3] + total[ahead[2::3] // 3]
@@ -103,7 +102,7 @@ def _smoothed(weighted, ahead):
 
 
 def _frames(axes):
-    """Right-handed frames float64 [F, 3, 3], rows x, y, depth along each axis; a zero axis gives the world's."""
+    """Right-handed frames float64 [F, 3, 3], rows x, y and depth, depth along each axis; the world's frame for a zero axis."""
     x = np.cross(np.eye(3)[np.abs(axes).argmin(1)], axes)
     length = np.sqrt((x * x).sum(1, keepdims=True))
     x /= np.where(length > 0, length, 1.0)
@@ -114,7 +113,7 @@ def _frames(axes):
 
 @kernel
 def _project(points, faces, face, frames, seed, out):
-    """Corners of one face in its chart's frame: out [3, 3] = (x, y, depth) per corner."""
+    """Write the corners of a face in its chart's frame to out [3, 3]: (x, y, depth) per corner."""
     for i in range(3):
         v = faces[face, i]
         for k in range(3):
@@ -124,7 +123,8 @@ def _project(points, faces, face, frames, seed, out):
 
 @kernel
 def _widen(bounds, tri, wider):
-    """wider = bounds (x minimum, y minimum, x maximum, y maximum) widened by a projected face; returns its larger side."""
+    """Write bounds (x minimum, y minimum, x maximum, y maximum), widened by a projected face, to wider; returns the larger
+    side."""
     for k in range(2):
         wider[k] = min(bounds[k], tri[0, k], tri[1, k], tri[2, k])
         wider[k + 2] = max(bounds[k + 2], tri[0, k], tri[1, k], tri[2, k])
@@ -133,9 +133,9 @@ def _widen(bounds, tri, wider):
 
 @kernel
 def _meets_other_sheet(tri, chart, stamp, depth, write):
-    """Whether a face, widened by one texel, meets a cell where this chart already lies at another depth.
+    """Whether a face, widened by a texel, meets a cell that this chart already covers at another depth.
 
-    With write, claims cells instead: a cell holds 2 * chart + 1 when its centre lies inside a face, 2 * chart on a face's rim.
+    With write, claims cells instead: a cell holds 2 * chart + 1 if its centre is inside a face, 2 * chart on a face's rim.
     Cells are addressed modulo the grid side (a power of two), which cannot alias because limit bounds the chart's extent; the
     mask keeps every index in range.
     """

@@ -1,4 +1,4 @@
-"""Texels that nothing is known of, filled from the known ones around them, in the blocks that mip levels average."""
+"""Filling of unknown texels from the known texels around them, in the blocks that mip levels average."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from ...core.kernel import kernel
 
 
 def fill_gaps(image: np.ndarray, known: np.ndarray) -> None:
-    """Fill texels that are not known from the known ones around them, in place (push-pull; mip levels see no gap).
+    """Fill unknown texels from the known texels around them, in place, by push-pull; mip levels then have no gaps.
 
     image: uint8 [H, W, C]; known: bool [H, W]. Without any known texel the image stays as it is.
     """
@@ -43,7 +43,7 @@ def _push(image, known, coarse, coarse_known):
 
 @kernel
 def _pull(image, known, coarse):
-    """Unknown fine texels take their coarse texel's colour: exactly what a mip level would average."""
+    """Unknown fine texels take their coarse texel's colour, which is the average of a mip level."""
     for row in range(image.shape[0]):
         for col in range(image.shape[1]):
             if not known[row, col]:

@@ -1,11 +1,12 @@
-"""What stands between the charts of an atlas: the surface goes on over a chart's border as it does in the chart beyond it.
+"""Padding between the charts of an atlas: beyond a chart's border it shows the surface of the neighbouring chart.
 
-A texel of a mip level that lies on a border averages texels inside and outside the chart. Where those outside show what is beyond
-the border, both charts of a seam average the same piece of the surface and agree; where they repeat the chart's own colours, each
-shows what lies half such a texel inside it. Measured on bball_0001 and ycb_scissors at r03: mean jumps at mip levels 1, 2 and 3
-fall from 2.3, 4.8, 8.5 and 2.2, 4.3, 6.9 to 1.7, 2.8, 6.0 and 1.7, 2.9, 5.1. With eight texels levels 2 and 3 fall to 2.0, 3.5
-and 1.7, 2.4, but pictures with mip levels are then 0.2 and 0.3 dB further from the source, in place of 0.05 dB: what is beyond is
-not what a pixel inside shows, across sharp edges least of all, which are left out. Charts twice as far apart gain nothing.
+A texel of a mip level on a border averages texels inside and outside the chart. If the texels outside show the surface beyond the
+border, both charts of a seam average the same piece of surface and agree. If they repeat the chart's own colours, each chart
+shows the surface half a texel inside it. Measured on bball_0001 and ycb_scissors at r03: mean jumps at mip levels 1, 2 and 3
+fall from 2.3, 4.8, 8.5 and 2.2, 4.3, 6.9 to 1.7, 2.8, 6.0 and 1.7, 2.9, 5.1. With eight texels, levels 2 and 3 fall to 2.0, 3.5
+and 1.7, 2.4, but pictures with mip levels are then 0.2 and 0.3 dB further from the source, in place of 0.05 dB, because the
+surface beyond a border differs from that inside. Across sharp edges it differs most: they are left out. Charts twice as far apart
+gain nothing.
 """
 
 import numpy as np
@@ -18,9 +19,9 @@ LEVEL = 0.7  # least cosine between the faces on both sides
 
 
 def continue_over_borders(image: np.ndarray, system: AtlasSystem) -> np.ndarray:
-    """Give texels that no face comes near, up to REACH from a border that is no sharp edge, the values beyond it, in place.
+    """Fill uncovered texels within REACH of a border with the values beyond it, in place; sharp edges are skipped.
 
-    image: uint8 [H, W, C], its covered texels baked. Returns which texels were given values: bool [H, W].
+    image: uint8 [H, W, C], with its covered texels baked. Returns whether each texel was filled, bool [H, W].
     """
     half, ends = system.borders
     level = (system.normals[half[0] // 3] * system.normals[half[1] // 3]).sum(axis=1) > LEVEL
@@ -33,8 +34,8 @@ def continue_over_borders(image: np.ndarray, system: AtlasSystem) -> np.ndarray:
 
 @kernel
 def _across(x, y, ends, third, pair, own, place):
-    """Where the point (x, y), beyond the border of one side of a pair of edges, lies on the other side: into place float64 [2].
-    Returns its squared distance from the border, -1 when it is not beyond it or the edges have no length."""
+    """Write the position on the other side of a pair of edges, for a point (x, y) beyond the border of side `own`, to place
+    float64 [2]. Returns the point's squared distance from the border, -1 if it is not beyond it or the edges have no length."""
     ax, ay = ends[own, pair, 0, 0], ends[own, pair, 0, 1]
     dx, dy = ends[own, pair, 1, 0] - ax, ends[own, pair, 1, 1] - ay
     other = 1 - own
@@ -57,9 +58,9 @@ def _across(x, y, ends, third, pair, own, place):
 
 @kernel
 def _continue(ends, third, edge_chart, owner, chart, image, nearness, place):
-    """See continue_over_borders(); place: float64 [2], overwritten. Reads texels with an owner and writes those without one, so
-    that no order matters but that of equally near edges, which is fixed. Bounds: rows and columns are clipped to the image before
-    they index it."""
+    """See continue_over_borders(); place: float64 [2], overwritten. Reads texels with an owner and writes texels without, so that
+    only the order of equally near edges matters, which is fixed. Bounds: rows and columns are clipped to the image before they
+    index it."""
     height, width = owner.shape
     for pair in range(ends.shape[1]):
         for own in range(2):
@@ -78,8 +79,8 @@ def _continue(ends, third, edge_chart, owner, chart, image, nearness, place):
 
 @kernel
 def _look_up(x, y, owner, chart, wanted, image, row, column):
-    """Writes the bilinear look-up at (x, y), in texels from the centre of the first, to a texel, if all that it reads is of the
-    wanted chart; returns whether it is. Bounds: compared with the image before they index it."""
+    """Write the bilinear look-up at (x, y), in texels from the centre of the first, to a texel, if all texels that it reads are
+    in the wanted chart; returns whether they are. Bounds: c and r are compared with the image before they index it."""
     c, r = int(np.floor(x)), int(np.floor(y))
     if c < 0 or r < 0 or c + 1 >= owner.shape[1] or r + 1 >= owner.shape[0]:
         return False

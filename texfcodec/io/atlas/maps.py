@@ -1,4 +1,4 @@
-"""Material maps of fields over voxels in the atlas: fitted as its colours are, normals turned into the atlas's tangent space."""
+"""Material maps of fields over voxels in the atlas: fitted like its colours, with normals in the atlas's tangent space."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 
 class AtlasMaps:
-    """texf: decoded stream (Texf); faces: int64 [n], those of the atlas; baked: their Baked; normal: float32 [n, 3, 3], shading
-    normals of their corners, None where no normal map is asked for."""
+    """Images of maps for an atlas. texf: decoded stream (Texf); faces: int64 [n], those of the atlas; baked: their Baked; normal:
+    float32 [n, 3, 3], shading normals of their corners, or None if no sheet has a normal map."""
 
     def __init__(self, texf: Texf, faces: np.ndarray, baked: Baked, normal: np.ndarray | None) -> None:
         self.texf, self.faces, self.system, self.atlas, self.normal = texf, faces, baked.system, baked.atlas, normal
@@ -32,7 +32,7 @@ class AtlasMaps:
             self._tangent = corner_tangents(texf.positions, texf.faces[faces], baked.atlas.corner_uv, normal)
 
     def image(self, sheet: tuple[str, ...]) -> np.ndarray:
-        """The image of a sheet: uint8 [H, W, 3], or [H, W, 4] where a channel is in alpha."""
+        """The image of a sheet: uint8 [H, W, 3], or [H, W, 4] if a channel is in alpha."""
         values = {}
         for name in sheet:
             channel = channel_over(name, planar=True)
@@ -45,7 +45,7 @@ class AtlasMaps:
         return image
 
     def _ask(self, name):
-        """Function (points float64 [M, 3], face int64 [M] of the atlas) -> values [M, C]; 255 where a field lacks the channel."""
+        """Function (points float64 [M, 3], face int64 [M] of the atlas) -> values [M, C]; 255 if a field lacks the channel."""
         channel = channel_over(name, planar=False)
 
         def ask(points, face):
@@ -60,7 +60,7 @@ class AtlasMaps:
         return ask
 
     def _ask_normal(self, name):
-        """As _ask, x and y of the normals in the atlas's tangent space, float32 [M, 2] in 0..255."""
+        """As _ask(), for x and y of normals in the atlas's tangent space, float32 [M, 2] in 0..255."""
         ask, normals, tangents = self._ask(name), self.normal, self._tangent
         assert normals is not None and tangents is not None, "a normal map needs the normals of its corners"
 
@@ -74,7 +74,7 @@ class AtlasMaps:
 
 @kernel
 def _normalise(vector):
-    """Scales float64 [3] to length 1, unless it is shorter than 1e-12."""
+    """Scale a vector float64 [3] to length 1, in place, unless it is shorter than 1e-12."""
     over = 1 / max(np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]), 1e-12)
     for k in range(3):
         vector[k] *= over
@@ -82,10 +82,10 @@ def _normalise(vector):
 
 @kernel(allocates=True)
 def _in_tangent_space(points, face, corners, normals, tangents, offsets, xy):
-    """x and y of normals in the atlas's tangent space, into xy float32 [M, 2] in 0..255.
+    """Write x and y of normals in the atlas's tangent space to xy, float32 [M, 2] in 0..255.
 
     points: float64 [M, 3]; face: int64 [M]; corners: float64 [F, 3, 3]; normals: float [F, 3, 3]; tangents: float [F, 3, 4];
-    offsets: float32 [M, 3] in 0..255, what the normals differ from the interpolated ones by."""
+    offsets: float32 [M, 3] in 0..255, differences of the normals from the interpolated normals."""
     weight, bent, tangent, normal = np.zeros(3), np.empty(3), np.empty(4), np.empty(3)
     for m in range(points.shape[0]):
         f = face[m]

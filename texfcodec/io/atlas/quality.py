@@ -1,8 +1,8 @@
-"""Charts by xatlas, run in child processes: its native code may crash, hang or eat memory on broken topology.
+"""Charts by xatlas, run in child processes: its native code may crash, hang or exhaust memory on broken topology.
 
-xatlas takes time that grows faster than faces (39,455 faces 6 s, 184,452 more than 150 s). So it gets parts of a few thousand
-faces, several at a time, and packs them on a canvas of a few texels, a full one taking longer than the charts of a part;
-chart_packing.py packs them all.
+The time of xatlas grows faster than the number of faces (39,455 faces 6 s, 184,452 more than 150 s). So it gets parts of a few
+thousand faces, several at a time. It packs each part on a canvas of a few texels, because a full canvas takes longer than the
+charts; chart_packing.py packs all charts.
 """
 
 import importlib.util
@@ -34,11 +34,11 @@ _CHILD = "from texfcodec.io.atlas.quality import _child; _child()"
 
 
 class QualityFailed(Exception):
-    """xatlas gave no usable charts; the message says why. Never leaves the asset room."""
+    """xatlas gave no usable charts; the message says why. unwrap.py catches it."""
 
 
 def chart_surface(points: np.ndarray, faces: np.ndarray, seconds: float, threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Flattens a surface with xatlas.
+    """Flatten a surface with xatlas.
 
     points: float64 [V, 3] in the unit cube; faces: int64 [F, 3]; seconds: time limit; threads: processes at a time, on which
     the result does not depend.
@@ -63,10 +63,10 @@ def chart_surface(points: np.ndarray, faces: np.ndarray, seconds: float, threads
 
 
 def _parts(points, faces):
-    """Rows of faces, cut in two by planes until none has more than PART_FACES: [int64 [n], ascending].
+    """Parts of the surface, cut in two by planes until none has more than PART_FACES: [face numbers int64 [n], ascending].
 
-    A plane goes where the edges that it parts are shortest, so across a neck and not along a back; edges count by the cosine
-    between their faces, because a sharp one would be a border of charts anyway.
+    A plane is placed to cut the shortest total edge length, so across a neck and not along a back. Edges are weighted by the
+    cosine between their faces, because a sharp edge would be a chart border anyway.
     """
     from ...geometry.edges import shared_edges  # here, so that the child process is spared numba
 
@@ -89,7 +89,8 @@ def _parts(points, faces):
 
 
 def _best_cut(centres, first, second, length):
-    """Side of a plane, bool [n], of n faces. first, second, length [E]: faces at an edge, and what cutting costs."""
+    """Whether each of n faces is on the first side of the best plane, bool [n]. first, second: faces at each edge, [E]; length:
+    cost of cutting each edge, [E]."""
     count, least, best = len(centres), np.inf, np.zeros(len(centres), bool)
     window = slice(int(count * EVEN), max(int(count * (1 - EVEN)), int(count * EVEN) + 1))
     for direction in DIRECTIONS:
@@ -112,7 +113,8 @@ def _of_share(points, faces, parts, seconds):
 
 
 def _lent(flat, chart, points, faces):
-    """Corners and charts of a part; faces that xatlas ignored borrow a place, which is harmless only while they have no area."""
+    """Corners and charts of a part. Faces that xatlas ignored take the place of a neighbour, which is harmless because they have
+    no area; raises QualityFailed if any has."""
     ignored, taken = np.flatnonzero(chart < 0), np.flatnonzero(chart >= 0)
     if not len(ignored):
         return flat, chart
@@ -129,10 +131,10 @@ def _lent(flat, chart, points, faces):
 
 
 def _levelled(flat, chart, corners, areas):
-    """Charts without the stretch that xatlas's packing gives them: it widens each to whole texels, along both axes.
+    """Charts without the stretch of xatlas's packing, which widens each to whole texels along both axes.
 
-    How far the surface goes along an axis, in the mean over the chart, is how long that axis should be; where a chart was
-    conformal, as most of xatlas's are, that gives it back. Then all get the area of their surface.
+    The mean extent of the surface along an axis gives that axis its length; this restores conformal charts, as most of xatlas's
+    are. Then each chart gets the area of its surface.
     """
     (a, b), (u, v) = (np.moveaxis(side[:, 1:] - side[:, :1], 1, 0) for side in (corners, flat))
     along = np.stack([a * v[:, 1:] - b * u[:, 1:], b * u[:, :1] - a * v[:, :1]])
@@ -149,18 +151,18 @@ def _flat_areas(flat):
 
 
 def _collapsed_share(flat, areas):
-    """Share 0..1 of the surface that got (next to) no room in the atlas."""
+    """Share of the surface, 0..1, that has almost no area in the atlas."""
     room, total = _flat_areas(flat), areas.sum()
     return float(areas[room * total < 1e-4 * areas * room.sum()].sum() / total) if total > 0 else 0.0
 
 
 def run_xatlas(meshes: list, side: int, seconds: float) -> list:
-    """Runs xatlas on meshes one after another, in one child process.
+    """Run xatlas on meshes in turn, in a single child process.
 
-    meshes: (points float64 [V, 3] in the unit cube, faces int64 [F, 3]) each; side: of the square that its packing aims at, in
-    texels, or 0: as small as CANVAS; seconds: time limit.
-    Returns for each (corners float64 [F, 3, 2] in texels of its canvas, chart int64 [F], canvas float32 [2]); faces without area
-    that xatlas ignored have the place of a neighbour. Raises QualityFailed.
+    meshes: [(points float64 [V, 3] in the unit cube, faces int64 [F, 3])]; side: of the square that the packing aims at, in
+    texels, or 0 for a canvas as small as CANVAS; seconds: time limit.
+    Returns for each mesh (corners float64 [F, 3, 2] in texels of its canvas, chart int64 [F], canvas float32 [2]). Faces without
+    area that xatlas ignored have the place of a neighbour. Raises QualityFailed.
     """
     if importlib.util.find_spec("xatlas") is None:
         raise QualityFailed("xatlas is not installed (pip install xatlas)")
@@ -202,10 +204,10 @@ def _child():
 
 
 def _xatlas(points, faces, side):
-    """What run_xatlas() returns of a mesh, in float32; a chart is -1 for faces that xatlas ignored.
+    """The result of run_xatlas() for a mesh, in float32; the chart of faces that xatlas ignored is -1.
 
     The mesh is enlarged first: xatlas silently ignores faces below 1.2e-7 square units and edges below 1e-4. Its canvas may
-    exceed the resolution asked for (by up to 40 % in our measurements), so the padding allows for shrinking it.
+    exceed the requested resolution (by up to 40 % in our measurements), so the padding allows for shrinking it.
     """
     import xatlas
 

@@ -1,4 +1,4 @@
-"""How far colours jump where charts of a texture meet on the surface, as a viewer sees it: bilinear, at mip levels 0 to 4."""
+"""Jumps of colour at chart borders on the surface, as a viewer shows them: bilinear, at mip levels 0 to 4."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,13 +15,13 @@ _LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 
 def measure_seams(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, textures: Sequence[Texture],
                   face_image: np.ndarray) -> dict[str, Any]:
-    """Jumps across chart borders: edges of the surface that two faces share and that lie at two places of the images.
+    """Jumps across chart borders: edges of the surface that two faces share and that are at two places of the images.
 
-    positions: any [V, 3], equal where vertices are one on the surface; faces: int64 [F, 3]; corner_uv: float64 [F, 3, 2];
-    textures: sRGB-coded, uint8 [H, W, 3 or 4]; face_image: int64 [F] into textures. Points stand evenly along the borders, as far
-    apart as the texels of level 0 unless they were more than POINTS. Levels are made as viewers make them, halved by a box in
-    linear light, and looked up in linear light. A jump is that of the channel of R, G and B that jumps furthest, in steps of
-    8-bit sRGB values. Returns {"border_edges": int, "points": int, "mean": [float at every level], "largest": [float ...]}.
+    positions: any [V, 3], equal for vertices at the same point of the surface; faces: int64 [F, 3]; corner_uv: float64 [F, 3, 2];
+    textures: sRGB-coded, uint8 [H, W, 3 or 4]; face_image: int64 [F] into textures. Points are evenly spaced along the borders,
+    a texel of level 0 apart, but at most POINTS. Levels are made as in viewers: halved by a box filter and looked up in linear
+    light. A jump is the largest difference of R, G and B, in steps of 8-bit sRGB values.
+    Returns {"border_edges": int, "points": int, "mean": [float at every level], "largest": [float ...]}.
     """
     sizes = np.array([texture.image.shape[1::-1] for texture in textures], np.int64).reshape(-1, 2)
     half, ends = border_edges(positions, np.asarray(faces, np.int64), np.asarray(corner_uv, np.float64), face_image)
@@ -35,22 +35,22 @@ def measure_seams(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarra
 
 def border_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray,
                  face_image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of the surface that lie at two places of the images: (half-edges int64 [2, n], number 3 f + i from corner i of face f
-    to the next, of one side and of the other; their UVs float64 [2, n, 2, 2], the same vertex first on both sides). Where more
-    than two faces share an edge, each is compared with the next."""
+    """Edges of the surface that are at two places of the images: (half-edges of both sides, int64 [2, n], number 3 f + i from
+    corner i of face f to the next; their UVs, float64 [2, n, 2, 2], the same vertex first on both sides). If more than two faces
+    share an edge, each is paired with the next."""
     half, ends = _shared_edges(positions, faces, corner_uv)
     apart = _apart(ends) | (face_image[half[0] // 3] != face_image[half[1] // 3])
     return half[:, apart], ends[:, apart]
 
 
 def inner_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray) -> np.ndarray:
-    """Pairs of half-edges int64 [2, n], as of border_edges(), that lie at one place of the image: those inside its charts."""
+    """Pairs of half-edges int64 [2, n], as of border_edges(), that are at the same place of the image, so inside its charts."""
     half, ends = _shared_edges(positions, faces, corner_uv)
     return half[:, ~_apart(ends)]
 
 
 def _shared_edges(positions, faces, corner_uv):
-    """All pairs of half-edges that are one edge of the surface, and their UVs: as border_edges()."""
+    """All pairs of half-edges that share an edge of the surface, and their UVs, as in border_edges()."""
     vertex = _welded(positions)[faces]
     start, end = vertex.ravel(), np.roll(vertex, -1, axis=1).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
@@ -67,14 +67,14 @@ def _apart(ends):
 
 
 def _welded(positions):
-    """Number of each vertex, the same where positions are: int64 [V]."""
+    """Number of each vertex, int64 [V]; vertices with equal positions share a number."""
     if not len(positions):
         return np.zeros(0, np.int64)
     return np.unique(np.asarray(positions), axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def _points_along(image, ends, sizes):
-    """Points along the borders seen from both sides: (images int64 [2, M], UVs float64 [2, M, 2])."""
+    """(images int64 [2, M], UVs float64 [2, M, 2]) of points along the borders, on both sides."""
     if not image.shape[1]:
         return image, np.zeros((2, 0, 2))
     length = np.linalg.norm((ends[:, :, 1] - ends[:, :, 0]) * sizes[image], axis=2).max(axis=0)
@@ -87,7 +87,7 @@ def _points_along(image, ends, sizes):
 
 
 def _shown(textures, image, uv):
-    """What the points look up on both sides, level by level: float32 [2, M, 3], sRGB-coded 0..255."""
+    """Yields the colours at the points on both sides, level by level: float32 [2, M, 3], sRGB-coded 0..255."""
     levels = [_LINEAR[texture.image[..., :3]] for texture in textures]
     for _ in range(LEVELS):
         out = np.zeros((*image.shape, 3), np.float32)

@@ -1,4 +1,4 @@
-"""Images of a field's channels, packed as glTF wants them: sheets, of channels.SHEETS."""
+"""Sheets: images of several channels of a field, packed as glTF requires by channels.SHEETS."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ if TYPE_CHECKING:
 
 
 def sheets_of(names: Iterable[str]) -> list[tuple[str, ...]]:
-    """Channels of each image beside base colour that has any of `names`, as materials name them."""
+    """Channels of each sheet, other than base colour, that has any of `names`, which are channel names of materials."""
     wanted = set(names)
     return [tuple(name for name in sheet if name in wanted) for sheet in SHEETS[1:] if wanted & set(sheet)]
 
 
 def texel_sheet(texf: Texf, number: int, sheet: tuple[str, ...], texels: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """The image of a sheet of field `number`, one over texels: uint8 [H, W, 3], or [H, W, 4] where a channel is in alpha.
+    """The image of a sheet of a field over texels: uint8 [H, W, 3], or [H, W, 4] if a channel is in alpha.
 
-    texels: where the centres of the base colour's image lie, in texels of the full image: float64 [W] and [H]. Where every
-    channel is coarser by a power of two, so is the image. Texels that no face asks carry on the values beside them.
+    number: of the field; texels: centres of the columns and rows of the base colour's image, in texels of the full image, float64
+    [W] and [H]. If every channel is coarser by a power of two, so is the image. Texels that no face refers to continue the values
+    beside them.
     """
     part = texf.fields[number]
     columns, rows = _thinned(part, sheet, *texels)
@@ -49,7 +50,7 @@ def _cells(centres, shift, size):
 
 
 def _thinned(part, sheet, columns, rows):
-    """Centres of the texels of a sheet's image, by those of the base colour's."""
+    """Centres of the columns and rows of a sheet's image. columns, rows: those of the base colour's image."""
     shift = min(part.shifts.get(name, 0) for name in sheet)
     if shift and not len(columns) % (1 << shift) and not len(rows) % (1 << shift):
         return tuple(line.reshape(-1, 1 << shift).mean(axis=1) for line in (columns, rows))
@@ -57,8 +58,8 @@ def _thinned(part, sheet, columns, rows):
 
 
 def sheet_colours(values: dict[str, np.ndarray]) -> np.ndarray:
-    """Texels uint8 [N, 4] of a sheet. values: float32 [N, C] in 0..255 by channel name, as materials name them; normals of the
-    tangent space."""
+    """Texels uint8 [N, 4] of a sheet. values: float32 [N, C] in 0..255 by channel name of materials; normals are in tangent
+    space."""
     count = len(next(iter(values.values())))
     out = np.full((count, 4), 255, np.float32)
     for name, value in values.items():
@@ -70,7 +71,7 @@ def sheet_colours(values: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def with_z(xy: np.ndarray) -> np.ndarray:
-    """Texels float32 [N, 3] of a tangent-space normal map of its x and y, float32 [N, 2] in 0..255: z by clause 8.5."""
+    """Texels float32 [N, 3] of a tangent-space normal map from its x and y, float32 [N, 2] in 0..255; z by clause 8.5."""
     flat = xy / np.float32(FLAT) - 1
     length = np.sqrt(np.maximum((flat**2).sum(axis=1, keepdims=True), 1))
     flat = flat / length

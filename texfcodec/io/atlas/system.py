@@ -1,9 +1,9 @@
-"""The geometry of baking: which face each texel of an atlas shows, where on the surface, and the least squares that follow.
+"""The geometry of baking: the face and the surface point of each texel of an atlas, and the least-squares fit of its values.
 
-With B the matrix of bilinear look-ups of the atlas at sample points of the surface and s what a field answers there, the texels
-t minimise |B t - s|^2 with some damping towards the field at their centres. Only the atlas decides on B: an AtlasSystem is made
-once and answers for as many fields or planes of values as there are. B^T B ties a texel to its eight neighbours, so that it is
-kept as five numbers for each texel; Gauss-Seidel sweeps, which keep every value in its range, solve it in place.
+B is the matrix of bilinear look-ups of the atlas at sample points of the surface, and s holds the field's values there. The
+texels t minimise |B t - s|^2 with some damping towards the field at their centres. B depends on the atlas alone, so that an
+AtlasSystem serves any number of fields and planes. B^T B ties a texel to its eight neighbours and is stored as five numbers for
+each texel; Gauss-Seidel sweeps, which keep every value in its range, solve the system in place.
 """
 
 from collections.abc import Callable
@@ -31,9 +31,9 @@ Ask = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class AtlasSystem:
     """The texels of an atlas and the surface that they show.
 
-    texels: float64 [F, 3, 2], corners in texels; owner: int32 [H, W], the face that a texel shows, -1 where no face comes within
-    one texel; covered: bool [H, W]. What is asked of a field: a function of (points float64 [M, 3] in the world, faces int64 [M])
-    -> values [M, C]. At 4096 x 4096 and C = 3 it needs about 700 MB.
+    texels: float64 [F, 3, 2], corners in texels; owner: int32 [H, W], the face that a texel shows, -1 if no face comes within a
+    texel of it; covered: bool [H, W]. A field is a function, Ask: (points float64 [M, 3] in the world, faces int64 [M]) -> values
+    [M, C]. At 4096 x 4096 and C = 3 it needs about 700 MB.
     """
 
     def __init__(self, atlas: Atlas, positions: np.ndarray, faces: np.ndarray) -> None:
@@ -48,13 +48,13 @@ class AtlasSystem:
 
     @cached_property
     def borders(self) -> tuple[np.ndarray, np.ndarray]:
-        """Edges where charts meet on the surface, as seams.border_edges() gives them, ends in texels."""
+        """Edges between charts on the surface, as of seams.border_edges(), with ends in texels."""
         faces, positions = self._mesh
         return border_edges(positions, faces, self.texels, np.zeros(len(faces), np.int64))
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """Unit normals of the faces, 0 without area: float64 [F, 3]."""
+        """Unit normals of the faces, float64 [F, 3]; 0 without area."""
         faces, positions = self._mesh
         corner = (positions / max(np.abs(positions).max(initial=0.0), 1e-300))[faces]  # no square overflows or vanishes
         corner -= corner[:1, :1].copy()
@@ -65,13 +65,13 @@ class AtlasSystem:
 
     @cached_property
     def charts(self) -> np.ndarray:
-        """Number of the chart that each face is in: int64 [F]."""
+        """Chart number of each face, int64 [F]."""
         faces, positions = self._mesh
         half = inner_edges(positions, faces, self.texels) // 3
         return components(len(faces), half[0], half[1])
 
     def at_centres(self, ask: Ask, channels: int) -> np.ndarray:
-        """What the surface shows under the centre of every covered texel, row by row: float32 [n, channels]."""
+        """Values of the field at the centre of every covered texel, row by row: float32 [n, channels]."""
         out, done = np.empty((int(self.covered.sum()), channels), np.float32), 0
         rows = max(BLOCK // self.owner.shape[1], 1)
         for top in range(0, self.owner.shape[0], rows):
@@ -83,8 +83,8 @@ class AtlasSystem:
 
     def fitted(self, ask: Ask, channels: int, weighted: bool = False, threads: int = 1) -> np.ndarray:
         """Values of every covered texel, row by row, whose bilinear picture is closest to the field: float32 [n, channels] in
-        0..255. weighted: the field answers one column more, how much a point counts, 0..1; a texel at whose centre nothing counts
-        starts from the mean of what counts around it. The result does not depend on threads."""
+        0..255. weighted: whether the field has an additional column, the weight of a point, 0..1; a texel with weight 0 at its
+        centre starts from the weighted mean around it. The result does not depend on threads."""
         values = np.clip(np.nan_to_num(self.at_centres(ask, channels + weighted)), 0.0, 255.0)
         matrix, right = self._equations(ask, channels, weighted, threads)
         if weighted:
@@ -104,7 +104,7 @@ class AtlasSystem:
         return values[:, :channels]
 
     def _equations(self, ask, channels, weighted, threads):
-        """(B^T W B float32 [n, 5], B^T W s float32 [channels, n], with B^T W 1 after it where points are weighted)."""
+        """(B^T W B float32 [n, 5], B^T W s float32 [channels, n], with B^T W 1 as the last row if points are weighted)."""
         known = None if weighted else self._matrix
         count = np.count_nonzero(self.covered)
         matrix = np.zeros((count, 5), np.float32) if known is None else known
@@ -129,7 +129,7 @@ class AtlasSystem:
         return _surface_points(x, y, face, self.texels, *self._mesh)
 
     def _sample_blocks(self):
-        """Functions that return sample points, no more than about BLOCK each: (x, y float64 [M] in texels, face int64 [M])."""
+        """Functions that return at most about BLOCK sample points each: (x, y float64 [M] in texels, face int64 [M])."""
         height, width = self.owner.shape
         rows = max(BLOCK // (width * SAMPLES * SAMPLES), 1)
         ends = np.linalg.norm(np.subtract(*self.borders[1].reshape(-1, 2, 2).swapaxes(0, 1)), axis=1)
@@ -138,7 +138,7 @@ class AtlasSystem:
                 *(partial(self._border_samples, done, first) for first in range(0, int(done[-1]), BLOCK))]
 
     def _samples(self, top, rows):
-        """Of some rows of texels."""
+        """Sample points of some rows of texels. top: first row; rows: their number."""
         height, width = self.owner.shape
         owner = np.full((min(rows, height - top) * SAMPLES, width * SAMPLES), -1, np.int32)
         _scan(self.texels, SAMPLES, top * SAMPLES, owner)
@@ -146,7 +146,8 @@ class AtlasSystem:
         return (column + 0.5) / SAMPLES, (row + 0.5) / SAMPLES + top, owner[row, column].astype(np.int64)
 
     def _border_samples(self, done, first):
-        """Along the borders of charts, from both sides. done: int64 [E + 1], samples before each edge; first: of them."""
+        """Sample points along chart borders, on both sides. done: int64 [E + 1], number of samples before each edge; first:
+        number of the first sample."""
         face, ends = self.borders[0].reshape(-1) // 3, self.borders[1].reshape(-1, 2, 2)
         number = np.arange(first, min(first + BLOCK, int(done[-1])))
         edge = np.searchsorted(done, number, side="right") - 1
@@ -156,9 +157,9 @@ class AtlasSystem:
 
 
 def cover(texels: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Which face each texel shows: int32 [height, width], -1 where no face comes within one texel.
+    """The face that each texel shows, int32 [height, width]; -1 if no face comes within a texel of it.
 
-    texels: float64 [F, 3, 2] corners in texels. A texel centre inside a face is that face's; otherwise the nearest face's.
+    texels: float64 [F, 3, 2] corners in texels. A texel shows the face that contains its centre, else the nearest face.
     """
     owner = np.full((height, width), -1, np.int32)
     nearness = np.full((height, width), np.inf, np.float32)
@@ -191,7 +192,7 @@ def _cover(texels, owner, nearness):
 
 @kernel(allocates=True)
 def _surface_points(x, y, face, texels, faces, positions):
-    """World points float64 [M, 3] that the texel centres (x, y) show on their faces (the nearest point when outside)."""
+    """World points float64 [M, 3] at places (x, y), in texels, on their faces; the nearest point of the face if outside."""
     out = np.empty((len(face), 3))
     for i in range(len(face)):
         t = texels[face[i]]
@@ -205,8 +206,8 @@ def _surface_points(x, y, face, texels, faces, positions):
 
 @kernel
 def _scan(texels, fineness, top, owner):
-    """Which face holds each point of a grid with `fineness` points along a texel, rows from top; -1 for none. Bounds: rows and
-    columns are clipped to owner before they index it."""
+    """Write the face at each point of a grid to owner. fineness: points along a texel; top: first row. Points outside all faces
+    stay -1. Bounds: rows and columns are clipped to owner before they index it."""
     height, width = owner.shape
     for f in range(texels.shape[0]):
         ax, ay = texels[f, 0, 0] * fineness, texels[f, 0, 1] * fineness - top
@@ -232,8 +233,8 @@ def _between(place, size):
 
 @kernel
 def _add_right(x, y, weight, shown, number, right):
-    """Adds B^T W s to right, float32 [C, n]. shown: float32 [M, C]. Bounds: _between() clamps rows and columns; a number of -1 is
-    skipped."""
+    """Add B^T W s to right, float32 [C, n]. shown: s, float32 [M, C]. Bounds: _between() clamps rows and columns; texels with
+    number -1 are skipped."""
     height, width = number.shape
     for i in range(x.shape[0]):
         c0, c1, u = _between(x[i], width)
@@ -249,8 +250,8 @@ def _add_right(x, y, weight, shown, number, right):
 
 @kernel
 def _add_matrix(x, y, weight, number, matrix):
-    """Adds B^T W B to matrix, float32 [n, 5]: a texel with itself and with the one after it in its row, the one below it, and
-    those after and before that. Bounds: as _add_right()."""
+    """Add B^T W B to matrix, float32 [n, 5]: products of a texel with itself, its right neighbour, the texel below, and the
+    texels below right and below left. Bounds: as _add_right()."""
     height, width = number.shape
     for i in range(x.shape[0]):
         c0, c1, u = _between(x[i], width)
@@ -276,8 +277,8 @@ def _add_matrix(x, y, weight, number, matrix):
 
 @kernel
 def _row_of(t, matrix, number, row, column):
-    """Sum over the neighbours of a covered texel of their value times what B^T B ties them with. Bounds: rows and columns are
-    compared with the image before they index it."""
+    """Sum of the neighbours of a covered texel, weighted by B^T B. Bounds: rows and columns are compared with the image before
+    they index it."""
     height, width = number.shape
     n, total = number[row, column], np.float32(0)
     for k in range(1, 5):
@@ -294,7 +295,7 @@ def _row_of(t, matrix, number, row, column):
 
 @kernel
 def _sweep(t, right, matrix, number, damping, backwards):
-    """One sweep of Gauss and Seidel over all texels of one channel, each clipped to 0..255: t float32 [n], in place."""
+    """Gauss-Seidel sweep over all texels of a channel, t float32 [n], in place, each clipped to 0..255."""
     height, width = number.shape
     for i in range(height):
         row = height - 1 - i if backwards else i

@@ -1,5 +1,5 @@
-"""The image and the UVs of a field over texels, as they came: texels that the surface asks keep their values, the rest is filled
-from them.
+"""The image and the UVs of a field over texels. Texels that the surface refers to keep their values; the others are filled from
+them.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ if TYPE_CHECKING:
 
 
 def texel_support(part: Field, name: str = BASE_COLOUR.name) -> TexelSupport:
-    """The support of a channel's plane in a field that is over texels."""
+    """The support of a channel's plane in a field over texels."""
     support = part.support_of(name)
     assert isinstance(support, TexelSupport), "the field is over voxels"
     return support
 
 
 def texel_image(texf: Texf, number: int) -> np.ndarray:
-    """The texels at hand of field `number`, one over texels: uint8 [H, W, 3], or [H, W, 4] where its alpha is not 255 throughout.
+    """The texels at hand of field `number`, which is over texels: uint8 [H, W, 3], or [H, W, 4] if its alpha is not always 255.
 
-    texf: decoded stream (Texf). Colour sRGB-coded, straight alpha, row 0 at v = 0. Texels that no face asks carry on the colours
-    beside them, in the blocks that mip levels average; blocks end at the border of the image, so that this is right for every
-    wrap mode.
+    texf: decoded stream (Texf). Colours are sRGB-coded, alpha is straight, row 0 is at v = 0. Texels that no face refers to
+    continue the colours beside them, in the blocks that mip levels average. Blocks end at the border of the image, so that this
+    holds for every wrap mode.
     """
     support = texel_support(texf.fields[number])
     return _filled(texf, number, support.image(texf.fields[number].rgba), support.rank >= 0)
 
 
 def texel_image_and_uv(texf: Texf, number: int) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """An image as texel_image() gives it, the UVs of the field's faces in it, float64 [F, 3, 2], v downwards (glTF), and where
-    the centres of its columns and rows are, float64 [W] and [H], in texels of the full image.
+    """(image as of texel_image(); UVs of the field's faces in it, float64 [F, 3, 2], v downwards (glTF); (centres of its columns
+    float64 [W], of its rows float64 [H]), in texels of the full image).
 
-    Where levels were left out and do not divide the full image evenly, its last texels at hand reach over its border.
-    Faces that lie within one tile of the image each get UVs that stop short of these; where one does not, the image is written
-    as fine as the nearest level that ends with the full image, and the UVs stay.
+    If levels were left out that do not divide the full image evenly, the last texels at hand extend beyond its border. If every
+    face is within a tile of the image, UVs are scaled to leave that excess out. Otherwise the image is written at the nearest
+    finer level that ends with the full image, and the UVs stay.
     """
     support = texel_support(texf.fields[number])
     texel, full = texf.uv[texf.faces[texf.face_field == number]], (support.width, support.height)
@@ -62,12 +62,12 @@ def _centres(count, shift):
 
 
 def _even_shifts(support):
-    """Levels by which both sides of the full image can be halved, down to those at hand."""
+    """How often each side of the full image can be halved evenly, at most to the level at hand: (x, y)."""
     return tuple(min(support.level_shift, (side & -side).bit_length() - 1) for side in (support.width, support.height))
 
 
 def _ends_evenly(texel, side, extent, wrap):
-    """Whether UVs can be given in an image of `extent` texels in place of `side`: see texel_image_and_uv()."""
+    """Whether UVs along an axis can refer to an image of `extent` texels in place of `side`; see texel_image_and_uv()."""
     if extent == side:
         return True
     first = 0 if wrap == WRAP_CLAMP else np.floor(texel.min(axis=1) / side)
@@ -75,7 +75,7 @@ def _ends_evenly(texel, side, extent, wrap):
 
 
 def _shares(texel, side, extent, wrap):
-    """UVs along one axis, float64 [F, 3], of texels in the full image, in tiles of `extent` texels in place of `side`."""
+    """UVs along an axis, float64 [F, 3], of places in the full image, for tiles of `extent` texels in place of `side`."""
     if extent == side:
         return texel / side
     tile = np.zeros((len(texel), 1)) if wrap == WRAP_CLAMP else np.floor(texel.min(axis=1, keepdims=True) / side)
@@ -85,8 +85,8 @@ def _shares(texel, side, extent, wrap):
 
 
 def _finer(part, shifts, threads):
-    """Image uint8 [H, W, 4] of the nearest finer level that ends with the full image, 0 where no face asks, and which texels any
-    asks, bool [H, W]."""
+    """(image uint8 [H, W, 4] of the nearest finer level that ends with the full image, whether any face refers to each texel,
+    bool [H, W]); other texels are 0."""
     support, shift = part.support, part.support.level_shift
     across, down = shifts
     width, height = support.width >> across, support.height >> down
@@ -102,7 +102,8 @@ def _finer(part, shifts, threads):
 
 
 def _filled(texf, number, image, referenced):
-    """The image, uint8 [H, W, 4], with colours and alpha where it is not asked, without alpha where that says nothing."""
+    """The image, uint8 [H, W, 4], with colours and alpha filled in texels that no face refers to; [H, W, 3] if alpha is always
+    255. referenced: bool [H, W]."""
     if (texf.fields[number].rgba[:, 3] == 255).all():
         image = np.ascontiguousarray(image[..., :3])
         fill_gaps(image, referenced)
@@ -115,6 +116,6 @@ def _filled(texf, number, image, referenced):
 
 
 def _sees_alpha(texf, number):
-    """Whether every material of a field is one that alpha can hide."""
+    """Whether every material of a field uses alpha."""
     modes = [texf.materials[i].alpha_mode for i in np.unique(texf.face_material[texf.face_field == number])]
     return ALPHA_OPAQUE not in modes

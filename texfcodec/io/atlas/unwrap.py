@@ -1,4 +1,4 @@
-"""Texture atlases for decoded meshes: the stream has no UVs, so whoever wants an image gets a fresh parameterisation."""
+"""Texture atlases for decoded meshes: fields over voxels have no UVs, so that an image needs a new parameterisation."""
 
 import math
 from dataclasses import dataclass, field
@@ -60,7 +60,7 @@ def make_atlas(positions: np.ndarray, faces: np.ndarray, texture_size: int | Non
 
 
 def check_arguments(texture_size: int | None, method: str) -> None:
-    """InputError TXF-O10 for a texture size or a method that make_atlas() does not take."""
+    """Raises InputError TXF-O10 for a texture size or a method that make_atlas() does not accept."""
     if method not in ATLAS_METHODS or (texture_size is not None and not 16 <= texture_size <= MAX_SIZE):
         raise InputError("TXF-O10", "the atlas method or texture size is unknown", method=method, texture_size=texture_size)
 
@@ -76,7 +76,7 @@ def default_size(points: np.ndarray, faces: np.ndarray, resolution: int) -> int:
 
 
 def _checked_mesh(positions, faces):
-    """Contiguous float64 positions and int64 faces, refused when indices or coordinates are unusable."""
+    """Contiguous float64 positions and int64 faces. Raises InputError TXF-O11 for invalid indices or coordinates."""
     positions = np.ascontiguousarray(positions, np.float64).reshape(-1, 3)
     faces = np.ascontiguousarray(faces, np.int64).reshape(-1, 3)
     if len(faces) and (faces.min() < 0 or faces.max() >= len(positions)):
@@ -87,7 +87,7 @@ def _checked_mesh(positions, faces):
 
 
 def _unit_points(positions, faces):
-    """Used positions moved and scaled into the unit cube, safe from 1e-300 to 1e300; unused ones land at its corner."""
+    """Used positions moved and scaled into the unit cube, safe from 1e-300 to 1e300; unused positions become 0."""
     points = np.zeros_like(positions)
     used = np.unique(faces)
     if len(used) == 0:
@@ -117,8 +117,8 @@ def _quality(points, faces, seconds, threads, warnings):
 
 
 def _packed(points, faces, groups, side, charts):
-    """Corners in texels and the side really used, which grows when the gutters of many small charts need it. charts: flat
-    corners and chart of each face, or None for the fast ones, which depend on the side."""
+    """(corners in texels, side); the side grows if the gutters of many small charts need it. charts: (flat corners, chart of each
+    face), or None for fast charts, which depend on the side."""
     from .chart_packing import pack_charts, upright
     from .charts import grow_charts
 

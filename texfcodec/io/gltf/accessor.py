@@ -12,7 +12,7 @@ MAX_IMPLICIT = 1 << 24  # elements an accessor without data may ask for: zeros c
 
 
 def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.ndarray:
-    """Raw array [count, width] in the stored dtype; a view of the file where nothing is sparse.
+    """Raw array [count, width] in the stored dtype; a view of the file unless the accessor is sparse.
 
     kinds: allowed types, e.g. ("VEC3",). Errors: TXF-I09 malformed, TXF-I11 outside its buffer, LimitError TXF-I41.
     """
@@ -37,9 +37,9 @@ def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.
 
 def read_floats(document: Document, index: int, kinds: tuple[str, ...], normalized: bool | None = None,
                 rows: np.ndarray | None = None) -> np.ndarray:
-    """read_accessor with integers scaled when normalized (section 3.6.2.2) -> float array [count, width].
+    """As read_accessor(), with integers scaled if normalized (section 3.6.2.2): float array [count, width].
 
-    normalized: overrides what the accessor says; rows: those that are read, None for all.
+    normalized: overrides the accessor's property; rows: rows to read, None for all.
     """
     array = read_accessor(document, index, kinds)
     array = array if rows is None else array[rows]
@@ -49,7 +49,7 @@ def read_floats(document: Document, index: int, kinds: tuple[str, ...], normaliz
 
 
 def normalized_floats(array: np.ndarray) -> np.ndarray:
-    """Integers [n, width] -> float64 in [0, 1] or [-1, 1] by their range; floats as they are."""
+    """Integers [n, width] -> float64 in [0, 1] or [-1, 1] by their type; floats stay."""
     if array.dtype.kind == "f":
         return array
     scaled = array / np.float64(np.iinfo(array.dtype).max)

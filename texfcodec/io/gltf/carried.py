@@ -1,6 +1,6 @@
-"""A .texf stream that rides in a GLB or glTF: the extension TEXF_stream of a scene, docs/guide/TEXF_stream.md.
+"""A .texf stream inside a GLB or glTF: the extension TEXF_stream of a scene, docs/guide/TEXF_stream.md.
 
-The scene's own nodes are a fallback for viewers that do not know the extension; in place of all of them stands the stream.
+The stream replaces all nodes of the scene, which are a fallback for viewers that do not know the extension.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ EXTENSION = "TEXF_stream"
 
 
 def read_carried(document: Document) -> bytes | None:
-    """The bytes of the stream that the default scene carries, None where it carries none. Raises InputError TXF-I09 to I11, where
-    the extension names no bytes."""
+    """The bytes of the stream that the default scene carries, or None. Raises InputError TXF-I09 to I11 if the extension refers
+    to no valid bytes."""
     scenes, chosen = document.entries("scenes"), integer(document.root, "scene", 0, low=0)
     if chosen >= len(scenes) or EXTENSION not in extensions(scenes[chosen]):
         return None
@@ -31,14 +31,14 @@ def read_carried(document: Document) -> bytes | None:
 
 
 def write_carried(document: Written, stream: bytes) -> None:
-    """Puts the bytes of a stream into a document, untouched, behind what its scene shows."""
+    """Append the bytes of a stream, unchanged, to a document, as the extension of its scene."""
     document.json["scenes"][0]["extensions"] = {EXTENSION: {"bufferView": document.add_view(stream)}}
     document.use_extension(EXTENSION)
 
 
 def stream_within(data: bytes) -> bytes:
-    """The stream that the bytes of a GLB carry; other bytes are returned as they are, for whoever reads streams to judge. Raises
-    InputError TXF-I26 where a GLB carries none, and TXF-I07 to I11, SupportError TXF-I33 where it is broken."""
+    """The stream that a GLB carries; other bytes are returned unchanged, for the stream reader to check. Raises InputError
+    TXF-I26 if a GLB carries no stream, and TXF-I07 to I11 or SupportError TXF-I33 if it is broken."""
     if data[:4] != GLB_MAGIC:
         return data
     stream = read_carried(open_document(data, Path(), Notes()))

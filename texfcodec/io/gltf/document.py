@@ -22,9 +22,9 @@ GLB_MAGIC, CHUNK_JSON, CHUNK_BIN = b"glTF", 0x4E4F534A, 0x004E4942
 
 
 class Document:
-    """The JSON tree of one glTF file and the bytes it refers to.
+    """The JSON tree of a glTF file and the bytes that it refers to.
 
-    root: dict; folder: where relative URIs start; notes: Notes.
+    root: dict; chunk: the GLB's binary chunk, or None; folder: base of relative URIs; notes: Notes.
     """
 
     def __init__(self, root: dict, chunk: memoryview | None, folder: Path, notes: Notes) -> None:
@@ -51,7 +51,7 @@ class Document:
         return entries[index]
 
     def buffer(self, index: Any) -> memoryview:
-        """memoryview of buffer index, exactly byteLength long."""
+        """The bytes of buffer `index`, exactly byteLength long."""
         if index not in self._buffers:
             entry = self.entry("buffers", index)
             length = integer(entry, "byteLength", low=0)
@@ -70,7 +70,7 @@ class Document:
         raise InputError("TXF-I10", f"buffer {index} has no data")
 
     def view(self, index: Any) -> tuple[memoryview | bytes, int | None]:
-        """(memoryview, byteStride or None) of bufferView index; TXF-I11 when it leaves its buffer."""
+        """(bytes, byteStride or None) of bufferView `index`. Raises InputError TXF-I11 if it leaves its buffer."""
         entry = self.entry("bufferViews", index)
         packed = next((part(extensions(entry), name) for name in EXTENSIONS if name in extensions(entry)), None)
         data = self._slice(entry, index) if packed is None else self._unpacked(packed, entry, index)
@@ -78,7 +78,7 @@ class Document:
         return data, stride
 
     def _slice(self, entry, index):
-        """The bytes that a bufferView, or the extension in it, names."""
+        """The bytes that a bufferView, or an extension in it, refers to."""
         buffer = self.buffer(entry.get("buffer"))
         offset, length = integer(entry, "byteOffset", 0, low=0), integer(entry, "byteLength", low=0)
         if offset + length > len(buffer):
@@ -87,7 +87,7 @@ class Document:
         return buffer[offset : offset + length]
 
     def _unpacked(self, packed, entry, index):
-        """The bytes of a compressed bufferView; where its form is not supported, the plain copy that some files carry."""
+        """The decoded bytes of a compressed bufferView; if its form is not supported, the plain copy that some files have."""
         if index not in self._decoded:
             try:
                 self._decoded[index] = decode_view(self._slice(packed, index), packed, entry, index)
@@ -98,7 +98,7 @@ class Document:
         return self._decoded[index]
 
     def _has_plain(self, entry):
-        """Whether the buffer of a view has bytes, and does not only stand for what compressed views unpack to."""
+        """Whether the buffer of a view has bytes. Other buffers are placeholders for unpacked views."""
         buffer = self.entry("buffers", entry.get("buffer"))
         return "uri" in buffer or (entry["buffer"] == 0 and self._chunk is not None)
 
@@ -111,7 +111,7 @@ class Document:
             raise InputError("TXF-I10", error.message) from error
 
     def _uri_bytes(self, uri, kind):
-        """bytes behind a data URI or a file name. kind: what messages call the file."""
+        """Bytes of a data URI or a file. kind: the file's name in messages."""
         if not isinstance(uri, str):
             raise malformed("a uri is not a string")
         if uri[:5].lower() == "data:":
@@ -119,7 +119,8 @@ class Document:
         return read_file(self.folder, uri, self.notes, kind)
 
     def image_bytes(self, index: Any) -> memoryview | bytes:
-        """Encoded bytes of image index; TXF-I16 where its file is missing or it names none, TXF-I27 where that is remote."""
+        """Encoded bytes of image `index`. Raises InputError TXF-I16 if its file is missing or unnamed, TXF-I27 if it is
+        remote."""
         entry = self.entry("images", index)
         if "bufferView" in entry:
             return self.view(entry["bufferView"])[0]
@@ -129,7 +130,7 @@ class Document:
 
 
 def open_document(data: bytes, folder: Path, notes: Notes) -> Document:
-    """bytes of a .glb or .gltf file -> Document.
+    """Bytes of a .glb or .gltf file -> Document.
 
     Errors: TXF-I07 broken GLB container, TXF-I08 no JSON, TXF-I09 no object, TXF-I33 not glTF 2.
     """
@@ -185,7 +186,7 @@ def _parse(text):
 
 
 def _no_json(error):
-    """The error with the place where the text stops being JSON, and what stands there."""
+    """The error with the position where the text stops being JSON, and the text there."""
     text, at = error.doc, min(error.pos, len(error.doc))
     before, here = text[:at].rstrip(), text[at:].lstrip()
     if here[:1] in ("}", "]") and before[-1:] == "," or here[:1] == "," and error.msg.startswith("Illegal trailing comma"):

@@ -1,6 +1,7 @@
-"""What a glTF file may hold, property by property, and what becomes of each; whatever is not carried is named.
+"""Properties of a glTF file that a stream does not carry, each named in a message.
 
-TABLE is glTF 2.0's schema. Materials, primitives and nodes are named where they are read, this walks the rest.
+TABLE is glTF 2.0's schema with the fate of each property. Readers name those of materials, primitives and nodes; this module
+walks the rest.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ _SHARP_WHEN_SMALL = (9728, 9984, 9986)  # minFilter: NEAREST within a mip level
 
 
 def name_extension(notes: Notes, extension: str, where: str) -> None:
-    """Names an extension that is not carried: as dropped, or in a remark where it changes no picture. where: "node 'x'"."""
+    """Name an extension that is not carried: as dropped, or in a remark if it changes no picture. where: such as "node 'x'"."""
     if extension.startswith(UNSEEN):
         notes.remark(f"extension {extension} of {where} is left out")
     else:
@@ -70,7 +71,7 @@ def name_extension(notes: Notes, extension: str, where: str) -> None:
 
 
 def name_left_out(document: Document) -> None:
-    """Names every property, extension and extra that TABLE does not hold as carried or of the file's layout."""
+    """Name every property, extension and extra that TABLE does not list as carried or layout."""
     _walk(document.root, "file", document.notes)
 
 
@@ -113,7 +114,7 @@ def _the(kind):
 
 
 def name_variants(document: Document, extension: str) -> None:
-    """Names the materials among which a viewer could choose; the file's own ones are carried."""
+    """Name the material variants that a viewer could choose; the file's own materials are carried."""
     listed = extensions(document.root)[extension]
     variants = listed.get("variants") if isinstance(listed, dict) else None
     names = [name_of(entry) for entry in variants if isinstance(entry, dict)] if isinstance(variants, list) else []
@@ -125,7 +126,7 @@ def name_variants(document: Document, extension: str) -> None:
 
 
 def name_joined(notes: Notes, nodes: int, meshes: int) -> None:
-    """Says what becomes of a tree of nodes. nodes: how many show a mesh; meshes: how many different ones."""
+    """Remark that several nodes become a single mesh. nodes: number of nodes with a mesh; meshes: number of different meshes."""
     if nodes > 1:
         several = f"{meshes} meshes" if meshes > 1 else "a mesh"
         notes.remark(f"{nodes} nodes that show {several} become one mesh in world space; their names stay, as metadata, "

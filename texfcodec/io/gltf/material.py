@@ -1,5 +1,5 @@
 """glTF materials -> Scene materials, and back: maps and parameters of the core and of extensions by the tables of channels.py;
-everything else that is read is named as dropped."""
+all other properties are named as dropped."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ _OF_MATERIAL = ("name", PBR, "alphaMode", "alphaCutoff", "doubleSided")
 
 @dataclass
 class TextureInfo:
-    """Where a material finds one of its images. texture: index into the file's textures; texcoord: UV set; transform: float64
-    [2, 3] applied to (u, v, 1), or None for identity."""
+    """A material's reference to an image. texture: index into the file's textures; texcoord: UV set; transform: float64 [2, 3]
+    applied to (u, v, 1), or None for identity."""
 
     texture: int
     texcoord: int = 0
     transform: np.ndarray | None = None
 
     def same_uv(self, other: TextureInfo) -> bool:
-        """Whether both find the same UVs."""
+        """Whether both have the same UVs."""
         if self.transform is None or other.transform is None:
             return self.texcoord == other.texcoord and self.transform is other.transform
         return self.texcoord == other.texcoord and bool(np.array_equal(self.transform, other.transform))
@@ -45,8 +45,8 @@ class TextureInfo:
 
 @dataclass
 class Look:
-    """What a glTF material says of its surface. factor: float64 [4] linear, of the base colour; images: TextureInfo by channel
-    name, base colour among them, in the order of channels.CHANNELS; parameters: as scene.scene.Material has them."""
+    """The surface of a glTF material. factor: base colour, float64 [4] linear; images: TextureInfo by channel name, base colour
+    among them, in the order of channels.CHANNELS; parameters: as in scene.scene.Material."""
 
     factor: np.ndarray
     images: dict[str, TextureInfo]
@@ -58,7 +58,7 @@ class Look:
         return next(iter(self.images.values()), None)
 
     def others(self) -> dict[str, TextureInfo]:
-        """Images with other UVs than the leading one's, by channel name."""
+        """Images with other UVs than the leading image, by channel name."""
         first = self.leading
         return {name: info for name, info in self.images.items() if first is not None and not info.same_uv(first)}
 
@@ -83,19 +83,19 @@ def read_look(document: Document, index: int | None) -> Look:
 
 
 def _part_of(entry, extension):
-    """Where a material holds what belongs to an extension, to pbrMetallicRoughness or, "", to itself."""
+    """The object in a material that holds an extension's properties. extension: its name, PBR, or "" for the material itself."""
     if not extension:
         return entry
     return part(entry, PBR) if extension == PBR else part(extensions(entry), extension)
 
 
 def _slot(entry, channel):
-    """The textureInfo of a channel, {} without one."""
+    """The textureInfo of a channel, or {}."""
     return part(_part_of(entry, channel.extension), channel.slot)
 
 
 def _parameters(entry):
-    """Values of all parameters that are not the default, by name; what an extension that is not there would say is not said."""
+    """Values of all stated parameters that differ from their default, by name."""
     values = {}
     for parameter in PARAMETERS:
         owner, key = _part_of(entry, parameter.extension), parameter.key
@@ -119,8 +119,8 @@ def _texture_info(info):
 def _texture_coordinates(info):
     """(UV set, transform) of a textureInfo.
 
-    KHR_texture_transform turns UVs counter-clockwise as seen in the image, that is with v downwards; the GLSL listing
-    in its text shows the transpose, an acknowledged slip (KhronosGroup/glTF issue 1563): every viewer does it as here.
+    KHR_texture_transform rotates UVs counter-clockwise as seen in the image, that is with v downwards. The GLSL listing in its
+    text shows the transpose, an acknowledged error (KhronosGroup/glTF issue 1563); every viewer does the same as this.
     """
     transform = part(extensions(info), "KHR_texture_transform")
     texcoord = integer(info, "texCoord", 0, low=0)
@@ -134,7 +134,7 @@ def _texture_coordinates(info):
 
 
 def read_material(document: Document, index: int | None, look: Look, shelf: TextureShelf) -> Material:
-    """Material index with its Look -> Material; its textures are put on the shelf, what is not kept is named."""
+    """Material index with its Look -> Material. Its textures go to the shelf; messages name the properties that are left out."""
     if index is None:
         return Material("default")
     entry = document.entry("materials", index)
@@ -180,7 +180,7 @@ def _put_texture(document, index, channel, shelf):
 
 
 def _source_image(entry):
-    """Index of the image that a texture is read from, None where it is in formats that are not read."""
+    """Index of the image that a texture is read from; None if all its formats are unsupported."""
     for name in _READABLE_SOURCES:
         source = part(extensions(entry), name).get("source")
         if source is not None:
@@ -192,7 +192,7 @@ def _source_image(entry):
 
 
 def _sampler(document, entry):
-    """((wrap s, wrap t), whether texels are not blended) of a texture."""
+    """((wrap s, wrap t), whether magnification is nearest) of a texture."""
     if "sampler" not in entry:
         return (WRAP_REPEAT, WRAP_REPEAT), False
     sampler = document.entry("samplers", entry["sampler"])
@@ -203,7 +203,7 @@ def _sampler(document, entry):
 
 
 def _drop_properties(document, entry, name):
-    """Name every property of a material that is not coded."""
+    """Name every property of a material that is not carried."""
     drop, kept = document.notes.drop, _kept_keys()
     tables = {"": entry, PBR: part(entry, PBR)} | {e: part(extensions(entry), e) for e in extensions(entry)}
     for extension, table in tables.items():
@@ -218,7 +218,7 @@ def _drop_properties(document, entry, name):
 
 @lru_cache(maxsize=1)
 def _kept_keys():
-    """Keys of a material that are read, by where they stand."""
+    """Keys of a material that are read, by extension, PBR, or "" for the material itself."""
     kept = {"": set(_OF_MATERIAL), PBR: {"baseColorFactor"}, UNLIT: set(),
             _SPECULAR_GLOSSINESS: {"diffuseFactor", "diffuseTexture"}}
     for parameter in PARAMETERS:
@@ -265,14 +265,14 @@ def extensions_of(entries: list[dict]) -> list[str]:
 
 
 def _write_place(out, extension):
-    """Where a material holds what belongs to an extension, to pbrMetallicRoughness or, "", to itself."""
+    """As _part_of(), for a dict under construction: absent objects are added."""
     if extension in ("", PBR):
         return out[PBR] if extension else out
     return out.setdefault("extensions", {}).setdefault(extension, {})
 
 
 def _write_parameter(out, parameter, value):
-    """Puts a parameter where glTF has it; one of a texture that is not there says nothing, nor does what JSON cannot hold."""
+    """Write a parameter to its place in glTF. Parameters of an absent texture, and values that JSON cannot hold, are left out."""
     if not all(math.isfinite(v) for v in value):
         return
     entry = [float(v) for v in value] if parameter.count > 1 else float(value[0])

@@ -29,11 +29,11 @@ _MODE_NAMES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip"}
 
 
 class MeshReader:
-    """Reads each mesh once, however many nodes show it.
+    """Reads each mesh once, for any number of nodes.
 
-    look_of: material index or None -> Look; after reading, `materials` lists the ones in use in order of
-    first use (None is glTF's default) and Part.material points into it, `pools` has the vertices of which each Part takes those
-    that its faces use, and `beside` counts the primitives that are not triangles, by what they are.
+    look_of: material index or None -> Look. After reading, `materials` lists the used material indices in order of first use
+    (None is glTF's default), and Part.material is an index into it; `pools` has the vertex pools that the Parts take their used
+    vertices from; `beside` counts the primitives that are not triangles, by kind.
     """
 
     def __init__(self, document: Document, look_of: Callable[[Any], Look]) -> None:
@@ -49,7 +49,7 @@ class MeshReader:
         self._found_uv: set[str] = set()
 
     def read(self, index: int, skinned: bool = False) -> list[Part]:
-        """Mesh index -> list of Part in mesh space. skinned: whether with joints and weights."""
+        """Mesh index -> list of Part in mesh space. skinned: whether the Parts get joints and weights."""
         if (index, skinned) not in self._meshes:
             entry = self.document.entry("meshes", index)
             primitives = entry.get("primitives")
@@ -62,7 +62,7 @@ class MeshReader:
         return self._meshes[index, skinned]
 
     def drop_unused_uv(self) -> None:
-        """Name the UV sets that no image asked for."""
+        """Name the UV sets that no image uses."""
         for name in sorted(self._found_uv - self._used_uv):
             self.document.notes.remark(f"no image uses {name}; it is left out")
 
@@ -100,7 +100,7 @@ class MeshReader:
         return result
 
     def _source(self, primitive, label):
-        """_Plain or _Draco. Draco data that several primitives share are decoded once."""
+        """The primitive's _Plain or _Draco. Draco data that several primitives share are decoded once."""
         if _DRACO not in extensions(primitive):
             return _Plain(self.document, primitive, label)
         view = _draco_view(primitive)
@@ -118,7 +118,7 @@ class MeshReader:
         return list(self._slots)
 
     def _triangles(self, indices, mode, label):
-        """Index list -> [F, 3]; glTF 2.0 section 3.7.2.1 gives the order of strips and fans."""
+        """Index list -> triangles [F, 3]; strips and fans by glTF 2.0 section 3.7.2.1."""
         if mode == _TRIANGLES:
             if len(indices) % 3:
                 self.document.notes.remark(f"{label} ends in an incomplete triangle; it is left out")
@@ -129,7 +129,7 @@ class MeshReader:
         return np.stack([indices[i + 1], indices[i + 2], indices[np.zeros_like(i)]], axis=1)
 
     def _uv(self, source, info: TextureInfo | None, label):
-        """float [V, 2] for a texture, transformed; None when there is none."""
+        """UVs float [V, 2] of a texture, transformed; None without a texture or without UVs."""
         if info is None:
             return None
         name = f"TEXCOORD_{info.texcoord}"
@@ -163,7 +163,7 @@ class MeshReader:
                 name_extension(self.document.notes, name, label)
 
     def _morphed(self, mesh, primitive, values, source, name="POSITION"):
-        """Values of an attribute with the mesh's default morph weights (section 3.7.2.2); the targets themselves are dropped."""
+        """Values of an attribute with the mesh's default morph weights applied (section 3.7.2.2); the targets are dropped."""
         targets = primitive.get("targets")
         if not targets:
             return values
@@ -185,7 +185,7 @@ def _is_of_skin(name):
 
 
 def _influences(source):
-    """(joints, weights), each float64 [V, 4 n], of all the sets that a primitive has; None where it has none."""
+    """(joints, weights) of all sets of a primitive, float64 [V, 4 n] each; None without a valid set."""
     sets, number = [], 0
     while source.has(f"JOINTS_{number}") and source.has(f"WEIGHTS_{number}"):
         if any(source.count_of(f"{name}_{number}") != source.count for name in ("JOINTS", "WEIGHTS")):
@@ -204,7 +204,7 @@ def _primitives(mesh):
 
 
 def _draco_view(primitive):
-    """The bufferView of a primitive's Draco data, None without."""
+    """Index of the bufferView of a primitive's Draco data, or None."""
     table = primitive.get("extensions")
     packed = table.get(_DRACO) if isinstance(table, dict) else None
     view = packed.get("bufferView") if isinstance(packed, dict) else None
@@ -212,8 +212,8 @@ def _draco_view(primitive):
 
 
 class _Plain:
-    """Attributes and indices in accessors. count: of all vertices; rows: of those that floats() gives, None for all; pool: which
-    vertices they are among."""
+    """Attributes and indices in accessors. count: number of all vertices; rows: vertices that floats() returns, None for all;
+    pool: key of the vertex pool."""
 
     is_triangles = False
 
@@ -227,14 +227,14 @@ class _Plain:
         return "accessor", self.names["POSITION"]
 
     def stored(self, name, kinds):
-        """An attribute of all vertices, as it is stored."""
+        """An attribute of all vertices in its stored type."""
         return read_accessor(self.document, self.names[name], kinds)
 
     def has(self, name):
         return name in self.names
 
     def count_of(self, name):
-        """How many values an attribute has."""
+        """Number of values of an attribute."""
         return self.document.entry("accessors", self.names[name]).get("count")
 
     def floats(self, name, kinds, normalized=None):
@@ -252,7 +252,7 @@ class _Plain:
 
 
 class _Draco(_Plain):
-    """KHR_draco_mesh_compression: DracoPy decodes; what is not in the Draco data is in accessors."""
+    """Attributes and indices in Draco data (KHR_draco_mesh_compression), by DracoPy; other attributes are in accessors."""
 
     is_triangles = True
 

@@ -1,8 +1,8 @@
-"""EXT_meshopt_compression and KHR_meshopt_compression: compressed bufferViews, decoded by meshopt_views.py, and attributes of
-version 1 by the package meshoptimizer, which has no wheels.
+"""EXT_meshopt_compression and KHR_meshopt_compression: compressed bufferViews. meshopt_views.py decodes them, and the package
+meshoptimizer, which has no wheels, decodes attributes of version 1.
 
-The package's C code trusts counts and strides, so everything that sizes memory is checked here first: against the other
-numbers of the bufferView, and against the fewest bytes that so many elements can be packed into.
+The package's C code trusts counts and strides, so this module first checks every number that sizes memory: against the other
+numbers of the bufferView, and against the fewest bytes that the elements can be packed into.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ _BLOCK_BYTES, _BLOCK_VERTICES = 8192, 256  # of an attribute block: as many vert
 
 
 def decode_view(packed: memoryview, entry: dict, view: dict, index: int) -> bytes:
-    """bytes of the compressed bufferView -> bytes of the plain one, count * byteStride of them.
+    """Bytes of a compressed bufferView -> count * byteStride plain bytes.
 
     packed: memoryview; entry: the extension's object; view: the bufferView around it; index: its number, for messages.
     Errors: TXF-I09 malformed, TXF-I12 broken data, SupportError TXF-I30 the package is missing or the filter unknown,
@@ -50,7 +50,8 @@ def decode_view(packed: memoryview, entry: dict, view: dict, index: int) -> byte
 
 
 def _fewest_bytes(mode, count, stride):
-    """What the coder spends at least: a byte a triangle or index; a block of attributes a control byte for each 4 of stride."""
+    """Fewest bytes that the coder needs: one for each triangle or index; for each block of attributes one for each 4 bytes of
+    stride."""
     if mode == "TRIANGLES":
         return 1 + count // 3 + _TAIL
     if mode == "INDICES":
@@ -81,7 +82,7 @@ def _broken(index, reason=None):
 
 
 def _by_package(packed, count, stride, index):
-    """uint8 [count, stride] of attributes of version 1, which KHR_meshopt_compression has beside that of EXT."""
+    """Attributes of version 1, uint8 [count, stride], which KHR_meshopt_compression adds to version 0 of EXT."""
     try:
         import meshoptimizer
     except ImportError as error:

@@ -1,7 +1,6 @@
 """Decoder of EXT_meshopt_compression, from the extension's text: attributes of version 0, triangles, index sequences, filters.
 
-Every byte is read within its bound, so that a view that lies is an error and not a crash. Kernels return how many bytes they have
-read, or -1.
+Every read is within bounds, so that an invalid view is an error and not a crash. Kernels return the number of bytes read, or -1.
 """
 
 import numpy as np
@@ -16,7 +15,7 @@ _SEQUENCE_TAIL = 4
 
 
 def decode_attributes(packed: bytes, count: int, stride: int) -> np.ndarray | None:
-    """uint8 [count, stride] of a stream of attributes; None where it is broken. stride: a multiple of 4, at most 256."""
+    """Attributes uint8 [count, stride] of a stream; None if it is broken. stride: a multiple of 4, at most 256."""
     tail = max(stride, _LEAST_TAIL)
     if len(packed) < 1 + tail or packed[0] not in ATTRIBUTE_HEADS:
         return None
@@ -27,7 +26,7 @@ def decode_attributes(packed: bytes, count: int, stride: int) -> np.ndarray | No
 
 
 def decode_triangles(packed: bytes, count: int) -> np.ndarray | None:
-    """Vertex indices uint32 [count], three a triangle; None where the stream is broken. count: a multiple of 3."""
+    """Vertex indices uint32 [count] of a stream of triangles; None if it is broken. count: a multiple of 3."""
     if len(packed) < 1 + count // 3 + _CODES or packed[0] not in TRIANGLE_HEADS:
         return None
     data, out = np.frombuffer(packed, np.uint8), np.zeros(count, np.uint32)
@@ -37,7 +36,7 @@ def decode_triangles(packed: bytes, count: int) -> np.ndarray | None:
 
 
 def decode_sequence(packed: bytes, count: int) -> np.ndarray | None:
-    """Vertex indices uint32 [count] of a stream of indices; None where it is broken."""
+    """Vertex indices uint32 [count] of a stream of indices; None if it is broken."""
     if len(packed) < 1 + count + _SEQUENCE_TAIL or packed[0] not in SEQUENCE_HEADS:
         return None
     data, out = np.frombuffer(packed, np.uint8)[1:-_SEQUENCE_TAIL], np.zeros(count, np.uint32)
@@ -53,7 +52,7 @@ def unfilter(name: str, plain: np.ndarray) -> np.ndarray:
 
 
 def _octahedral(plain):
-    """Unit vectors of which x, y and 1 are stored at some number of bits; the fourth component stays."""
+    """Unit vectors from stored x, y and the value of 1 at the stream's number of bits; the fourth component stays."""
     kind = np.int8 if plain.shape[1] == 4 else np.int16
     stored, most = plain.view(kind), np.float32(np.iinfo(kind).max)
     x, y, unit = (stored[:, k].astype(np.float32) for k in range(3))
@@ -68,7 +67,7 @@ def _octahedral(plain):
 
 
 def _quaternion(plain):
-    """Unit quaternions of which the three smaller components are stored, and in two bits of the fourth which is missing."""
+    """Unit quaternions from their three smaller components; two bits of the fourth stored value give the missing component."""
     stored = plain.view(np.int16)
     scale = np.float32(np.sqrt(0.5)) / (stored[:, 3].astype(np.int32) | 3).astype(np.float32)
     xyz = stored[:, :3].astype(np.float32) * scale[:, None]
@@ -80,21 +79,21 @@ def _quaternion(plain):
 
 
 def _exponential(plain):
-    """Floats of which a signed mantissa of 24 bits and a signed exponent of 8 are stored."""
+    """Floats from a signed mantissa of 24 bits and a signed exponent of 8 bits."""
     stored = plain.view(np.int32)
     return np.ldexp((stored << 8 >> 8).astype(np.float32), stored >> 24).astype(np.float32).view(np.uint8)
 
 
 def _rounded(values, kind):
-    """Halves away from zero, as the extension's text rounds."""
+    """Values rounded to an integer type, halves away from zero as in the extension's text."""
     limits = np.iinfo(kind)
     return np.trunc(np.clip(np.nan_to_num(values) + np.where(values >= 0, 0.5, -0.5), limits.min, limits.max)).astype(kind)
 
 
 @kernel
 def _attributes(data, last, out, block):
-    """Blocks of attributes. data: uint8, the blocks' bytes; last: uint8 [stride], what the first vertex differs from; out: uint8
-    [count, stride]; block: vertices a block. Returns bytes read or -1."""
+    """Decode blocks of attributes to out, uint8 [count, stride]. data: uint8, bytes of the blocks; last: uint8 [stride], predictor
+    of the first vertex; block: vertices in a block. Returns the number of bytes read, or -1."""
     at, count, stride = 0, out.shape[0], out.shape[1]
     for k0 in range(0, count, block):
         size = min(block, count - k0)
@@ -130,7 +129,7 @@ def _attributes(data, last, out, block):
 
 @kernel(allocates=True)
 def _varint(data, at, out):
-    """A number of 7 bits a byte, at most five, into out int64 [1]. Returns the place behind it or -1."""
+    """Decode a number with 7 bits in each byte, at most five bytes, to out int64 [1]. Returns the position after it, or -1."""
     value = np.int64(0)
     for n in range(5):
         if at >= data.shape[0]:
@@ -145,7 +144,7 @@ def _varint(data, at, out):
 
 @kernel(allocates=True)
 def _sequence(data, out):
-    """Index sequence into out uint32 [count]. Returns bytes read or -1."""
+    """Decode a sequence of indices to out, uint32 [count]. Returns the number of bytes read, or -1."""
     at, last, value = 0, np.zeros(2, np.int64), np.zeros(1, np.int64)
     for n in range(out.shape[0]):
         at = _varint(data, at, value)
@@ -159,8 +158,8 @@ def _sequence(data, out):
 
 @kernel(allocates=True)
 def _triangles(codes, data, table, most, out):
-    """Triangles into out uint32 [3 T]. codes: uint8 [T]; data: uint8, what codes leave to it; table: uint8 [16]; most: codes of
-    recent vertices, 13 or 15. Returns bytes read or -1."""
+    """Decode triangles to out, uint32 [3 T]. codes: uint8 [T]; data: uint8, bytes that codes refer to; table: uint8 [16]; most:
+    number of codes of recent vertices, 13 or 15. Returns the number of bytes read, or -1."""
     edges, vertices = np.zeros((16, 2), np.int64), np.zeros(16, np.int64)
     corner, code, value = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(1, np.int64)
     edge = vertex = following = last = at = 0

@@ -1,7 +1,7 @@
 """Vertices and triangles of a glTF document: plain, packed by Draco (KHR_draco_mesh_compression) or by meshoptimizer
 (EXT_meshopt_compression).
 
-Every packing has positions() for the frame that its vertices are in, and primitive() for their accessors.
+Every packing has positions(), which gives vertices and their frame, and primitive(), which adds their accessors.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _DRACO_KINDS = {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 3}
 
 
 class Column(NamedTuple):
-    """An attribute. values: [N, k]; kind: "VEC3" and the like; normalized: whether integers stand for 0..1 or -1..1."""
+    """An attribute. values: [N, k]; kind: such as "VEC3"; normalized: whether integers represent 0..1 or -1..1."""
 
     values: np.ndarray
     kind: str
@@ -35,7 +35,7 @@ class Column(NamedTuple):
 
 
 def check_compression(name: str) -> None:
-    """InputError TXF-O14 for a name that is not one of COMPRESSIONS, SupportError TXF-O15 where its package is missing."""
+    """Raises InputError TXF-O14 for a name that is not in COMPRESSIONS, SupportError TXF-O15 if its package is missing."""
     if name not in COMPRESSIONS:
         raise InputError("TXF-O14", "the mesh compression is unknown", value=str(name)[:40], allowed=" ".join(COMPRESSIONS))
     if name == "meshopt":
@@ -43,19 +43,20 @@ def check_compression(name: str) -> None:
 
 
 def packing_of(name: str) -> Plain:
-    """The packing of one of COMPRESSIONS."""
+    """The packing of a name in COMPRESSIONS."""
     return {"none": Plain, "draco": Draco, "meshopt": Meshopt}[name]()
 
 
 class Plain:
-    """Accessors as they are."""
+    """Accessors without compression."""
 
     def positions(self, texf: Texf, vertex: np.ndarray) -> tuple:
-        """Positions of vertices, int64 [N] into texf.positions: (float32 [N, 3], node's translation or None, scale or None)."""
+        """(positions [N, 3], the node's translation or None, its scale or None). vertex: int64 [N] into texf.positions."""
         return local_frame(texf, texf.positions[vertex])
 
     def primitive(self, document: Document, columns: dict[str, Column], corners: np.ndarray) -> dict:
-        """Accessors for columns by name and for corners, int64 [3 F] into them: the glTF primitive."""
+        """The glTF primitive, after adding accessors of its attributes and indices. columns: by attribute name; corners: int64
+        [3 F] into columns."""
         columns = {name: smallest(name, column) for name, column in columns.items()}
         attributes = {name: document.add_accessor(c.values, c.kind, ARRAY, name == "POSITION", c.normalized)
                       for name, c in columns.items()}
@@ -64,7 +65,7 @@ class Plain:
 
 
 class Draco(Plain):
-    """Positions on the lattice that the stream has, UVs in 16 bits, normals in 10; other attributes as they are."""
+    """Draco data: positions on the stream's lattice, UVs in 16 bits, normals in 10 bits; other attributes are unchanged."""
 
     def __init__(self, uv_bits: int = _UV_BITS) -> None:
         self._uv_bits = uv_bits
@@ -112,12 +113,12 @@ class Draco(Plain):
 
 
 def _generic(columns):
-    """Columns that Draco has no kind of its own for: [(number, name)], the numbers beyond those that it gives to the others."""
+    """[(number, name)] of columns for which Draco has no kind; the numbers do not collide with those of other columns."""
     return [(8 + i, name) for i, name in enumerate(name for name in columns if name not in _DRACO_KINDS)]
 
 
 def _draco_ids(mesh, columns):
-    """Draco's number of every column; those without a kind of their own were numbered by _packed()."""
+    """{name: Draco's number} of every column; _packed() numbered the columns without a kind."""
     ids = {attribute["attribute_type"]: attribute["unique_id"] for attribute in mesh.attributes
            if attribute["attribute_type"] in _DRACO_KINDS.values()}
     named = {name: ids[kind] for name, kind in _DRACO_KINDS.items() if name in columns}
@@ -125,7 +126,7 @@ def _draco_ids(mesh, columns):
 
 
 class Meshopt(Plain):
-    """Vertices in the order of their use; positions as whole numbers of the stream's lattice, UVs in 16 bits, normals in 11."""
+    """meshopt data: vertices in order of use, positions as lattice coordinates, UVs in 16 bits, normals in 11 bits."""
 
     def positions(self, texf: Texf, vertex: np.ndarray) -> tuple:
         if not texf.side > 0:
@@ -151,7 +152,7 @@ class Meshopt(Plain):
 
 
 def _by_use(package, corners, count):
-    """Triangles in an order that caches like, and vertices in the order of their first use: (order int64 [N], corners)."""
+    """(order of vertices by first use, int64 [N]; corners of triangles in an order that suits vertex caches)."""
     placed = np.empty(len(corners), np.uint32)
     package.optimize_vertex_cache(placed, corners.astype(np.uint32), len(corners), count)
     used, first, number = np.unique(placed, return_index=True, return_inverse=True)
@@ -160,7 +161,7 @@ def _by_use(package, corners, count):
 
 
 def _compact(name, column):
-    """(values, whether they are normalised) of a column in fewer bits."""
+    """(values in fewer bits, whether they are normalised) of a column."""
     values = column.values
     if name == "NORMAL" and values.dtype == np.float32:
         return (np.rint(values * 1023) * 32).astype(np.int16), True
@@ -170,7 +171,7 @@ def _compact(name, column):
 
 
 def _add_vertices(document, package, values):
-    """A compressed view of an attribute, rows padded to four bytes."""
+    """Index of a new compressed view of an attribute, with rows padded to four bytes."""
     row = values.itemsize * values.shape[1]
     padded = np.zeros((len(values), row + -row % 4), np.uint8)
     padded[:, :row] = np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"))).view(np.uint8).reshape(len(values), row)
@@ -193,8 +194,8 @@ def _meshopt_package():
 
 
 def smallest(name: str, column: Column) -> Column:
-    """A column in the smallest type of glTF's core, without extensions, that holds exactly what it says: in 8 bits colours that
-    need no 16, in 16 bits UVs that are whole 65535ths."""
+    """The column in the smallest type of glTF's core that holds its values exactly: 8 bits for colours that are multiples of 257,
+    16 bits for UVs that are multiples of 1 / 65535."""
     values = column.values
     if name == "COLOR_0" and values.dtype == np.uint16 and not (values % 257).any():
         return Column((values // 257).astype(np.uint8), column.kind, True)
@@ -206,5 +207,5 @@ def smallest(name: str, column: Column) -> Column:
 
 
 def index_type(count: int) -> type:
-    """The type of indices into so many vertices; 65535 itself is the restart value."""
+    """Type of indices into `count` vertices; the index 65535 is reserved for restarts."""
     return np.uint16 if count <= 65535 else np.uint32

@@ -12,12 +12,12 @@ def malformed(what: str, **details: object) -> InputError:
 
 
 def is_index(value: object) -> bool:
-    """True for a JSON integer that may count entries; true and 1.0 are none."""
+    """Whether a JSON value is a non-negative integer; true and 1.0 are not."""
     return isinstance(value, int) and not isinstance(value, bool) and value >= 0
 
 
 def integer(entry: dict, key: str, default: int | None = None, low: int | None = None) -> int:
-    """entry[key] as int, at least low; without default the key is required."""
+    """entry[key] as int, at least low. Without default the key is required."""
     value = entry.get(key, default)
     if not isinstance(value, int) or isinstance(value, bool) or (low is not None and value < low):
         raise malformed(f"'{key}' is not a usable integer", value=str(value)[:40], low=low)
@@ -25,7 +25,7 @@ def integer(entry: dict, key: str, default: int | None = None, low: int | None =
 
 
 def numbers(entry: dict, key: str, default: float | tuple[float, ...]) -> Any:
-    """entry[key] as tuple of finite floats, as many as default has; a plain number where default is one."""
+    """entry[key] as a tuple of as many finite floats as default has, or as a float if default is a number."""
     value = entry.get(key, default)
     single = not isinstance(default, (tuple, list))
     items = [value] if single else value
@@ -43,7 +43,7 @@ def _is_finite(value):
 
 
 def part(entry: dict, key: str) -> dict:
-    """entry[key] as dict, empty when absent."""
+    """entry[key] as dict, {} if absent."""
     value = entry.get(key)
     if value is None:
         return {}
@@ -53,12 +53,12 @@ def part(entry: dict, key: str) -> dict:
 
 
 def extensions(entry: dict) -> dict:
-    """The extensions object of an entry, {} when absent."""
+    """The extensions object of an entry, {} if absent."""
     return part(entry, "extensions")
 
 
 def name_of(entry: dict) -> str:
-    """The entry's name, printable; "" when it has none. JSON can spell lone surrogates, which no terminal takes."""
+    """The entry's name, printable, or "". Lone surrogates, which JSON can hold, are replaced."""
     name = entry.get("name")
     return name.encode("utf-8", "replace").decode() if isinstance(name, str) else ""
 

@@ -1,4 +1,4 @@
-"""glTF skins at rest: meshes take the pose that their joints have in the file (glTF 2.0 section 3.7.3.3)."""
+"""glTF skins at rest: meshes in the pose of their joints in the file (glTF 2.0 section 3.7.3.3)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _STORED = "its mesh is used as stored, placed by the node"
 
 
 class Rest:
-    """Poses of a file's skins as its nodes stand.
+    """Poses of a file's skins by the transforms of its nodes.
 
     local: node -> float64 [4, 4] acting on columns; references: (entry, key) -> indices of nodes.
     """
@@ -33,9 +33,9 @@ class Rest:
         self._skins: dict[Any, np.ndarray] = {}
 
     def posed(self, parts: list[Part], skin: Any, name: str) -> list[Part] | None:
-        """The Parts of a mesh in world space, where the joints of a skin hold them; None, with a fault, where that cannot be.
+        """The Parts of a mesh in world space, posed by the joints of a skin; None, with a fault, if that fails.
 
-        The transform of the node that shows the mesh has no say. name: of that node, for messages.
+        The transform of the mesh's node is ignored. name: of that node, for messages.
         """
         try:
             matrices = self._matrices(skin)
@@ -47,12 +47,12 @@ class Rest:
 
     @cached_property
     def _above(self):
-        """Parent of each node that has one."""
+        """{node: parent} of all nodes with a parent."""
         nodes = self.document.entries("nodes")
         return {child: index for index, node in enumerate(nodes) for child in self._references(node, "children")}
 
     def _world(self, index):
-        """float64 [4, 4] of a node."""
+        """World matrix of a node, float64 [4, 4]."""
         matrix, seen = np.eye(4), set()
         while index is not None:
             if index in seen:
@@ -63,7 +63,7 @@ class Rest:
         return matrix
 
     def _matrices(self, skin):
-        """float64 [joints, 3, 4]: from mesh space to the world."""
+        """Matrices from mesh space to the world, float64 [joints, 3, 4]."""
         if skin not in self._skins:
             entry = self.document.entry("skins", skin)
             joints = self._references(entry, "joints")
@@ -83,7 +83,7 @@ class Rest:
         return self._skins[skin]
 
     def _posed(self, part, matrices):
-        """The Part by the sum of its joints' matrices; faces turn where that mirrors."""
+        """The Part transformed by the weighted sum of its joints' matrices; faces are reversed if that mirrors them."""
         joints, weights = self._influences(part, len(matrices))
         points = np.asarray(part.positions, np.float64).copy()
         normal = None if part.normal is None else np.asarray(part.normal, np.float64).copy()
@@ -130,7 +130,7 @@ class Rest:
 
 
 def _turned(faces, mirrored):
-    """Faces with the other winding where most corners are in mirrored places; assemble refuses faces that leave the mesh."""
+    """Faces, with the winding reversed if most of their corners are mirrored. assemble() refuses faces with invalid indices."""
     if not mirrored.any() or len(faces) == 0 or faces.max() >= len(mirrored):
         return faces
     turn = mirrored[faces].sum(axis=1) >= 2

@@ -31,10 +31,10 @@ _EXTRAS_LIMIT = 65536  # bytes of metadata that may ride in asset.extras
 
 
 class Document:
-    """A glTF document under construction: json is the dict, pieces the binary buffer so far (every piece 4-aligned)."""
+    """A glTF document under construction. json: the dict; pieces: the binary buffer so far, each piece 4-aligned."""
 
     def __init__(self, metadata: dict) -> None:
-        """metadata: JSON-able dict, kept under asset.extras.texf when it is small; warnings says when it is not."""
+        """metadata: JSON-able dict, stored in asset.extras.texf if it is small, else named in warnings."""
         self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": "texfcodec"}, "scene": 0,
                                      "scenes": [{"name": "texf"}]}
         self.pieces: list[bytes] = []
@@ -50,7 +50,7 @@ class Document:
                 self.warnings.append(f"metadata above {_EXTRAS_LIMIT} bytes is not written")
 
     def add(self, kind: str, item: dict | str) -> int:
-        """Append to one of the document's lists, made when first needed; returns the index."""
+        """Append an item to a list of the document, which is created if absent; returns the index."""
         self.json.setdefault(kind, []).append(item)
         return len(self.json[kind]) - 1
 
@@ -72,7 +72,7 @@ class Document:
 
     def add_description(self, values: np.ndarray, kind: str, bounds: bool = False, normalized: bool = False,
                         view: int | None = None) -> int:
-        """An accessor that describes an array as add_accessor() does, whose bytes are in a view made elsewhere, or in none."""
+        """Append an accessor for an array whose bytes are in a view that exists, or in no view; returns its index."""
         accessor = {"componentType": _COMPONENT[values.dtype.str[1:]], "count": len(values), "type": kind}
         if view is not None:
             accessor["bufferView"] = view
@@ -83,7 +83,8 @@ class Document:
         return self.add("accessors", accessor)
 
     def add_packed_view(self, packed: bytes, count: int, stride: int, coding: dict, target: int) -> int:
-        """A bufferView of count elements of stride bytes that meshopt has packed. coding: mode and filter of the extension."""
+        """Append a bufferView of count elements of stride bytes, packed by meshopt; returns its index. coding: mode and filter of
+        the extension."""
         inner = {"buffer": 0, "byteOffset": self.length, "byteLength": len(packed), "byteStride": stride, "count": count} | coding
         self.pieces.append(packed + b"\0" * (-len(packed) % 4))
         self.length += len(self.pieces[-1])
@@ -96,20 +97,20 @@ class Document:
         return self.add("bufferViews", view)
 
     def use_extension(self, name: str, required: bool = False) -> None:
-        """Name an extension among those that are used, and among those that a reader has to know."""
+        """Add an extension to extensionsUsed, and to extensionsRequired if required."""
         for kind in ("extensionsUsed", "extensionsRequired")[: 1 + required]:
             if name not in self.json.get(kind, ()):
                 self.json.setdefault(kind, []).append(name)
 
     def finish(self, uri: str | None = None) -> None:
-        """Describe the buffer, its file where it has one, and the one that packed views unpack to."""
+        """Add the buffer, with its file's URI if it has one, and the placeholder buffer of packed views."""
         if self.pieces:
             self.json["buffers"] = [{"byteLength": self.length} | ({} if uri is None else {"uri": uri})]
         if self.unpacked:
             self.add("buffers", {"byteLength": self.unpacked, "extensions": {MESHOPT: {"fallback": True}}})
 
     def add_mesh(self, primitives: list[dict], translation: list[float] | None, scale: float | None) -> None:
-        """Put one mesh on one node of the scene."""
+        """Add a mesh and its node to the scene."""
         node: dict[str, Any] = {"mesh": self.add("meshes", {"name": "texf", "primitives": primitives})}
         if translation is not None:
             node["translation"] = translation
@@ -121,8 +122,8 @@ class Document:
 
 
 def textured(texf: Texf, look: Textured, images: list[tuple[ImageFormat, str | bytes]], packing: Plain | None = None) -> Document:
-    """Document with images, and TEXCOORD_0 or COLOR_0 where faces have these. images: for each of look.textures its format, and
-    its URI or its bytes for the buffer; packing: of packing.py, or None for plain accessors."""
+    """Document with images, and TEXCOORD_0 or COLOR_0 for faces that have these. images: (format, URI or bytes for the buffer) of
+    each of look.textures; packing: of packing.py, or None for plain accessors."""
     document, packing = Document(texf.metadata), packing or Plain()
     if len(texf.faces) == 0:
         return document
@@ -142,7 +143,8 @@ def textured(texf: Texf, look: Textured, images: list[tuple[ImageFormat, str | b
 
 
 def _without_direction(material, warnings):
-    """The material of faces without UVs. Anisotropy follows their direction: without it viewers draw such faces white."""
+    """The material without anisotropy, for faces without UVs: anisotropy needs their direction, and viewers draw such faces
+    white."""
     if not material.parameters.get("anisotropy", (0.0,))[0]:
         return material
     warnings.append(f"anisotropy of material '{material.name}' needs UVs, which its faces do not have; it is left out")
@@ -151,7 +153,7 @@ def _without_direction(material, warnings):
 
 
 def _columns(texf, look):
-    """Attributes of corners by name, Column of [3 F, k]; 0 where a face has none."""
+    """{name: Column [3 F, k]} of the corners' attributes; 0 for faces without."""
     columns = {"TEXCOORD_0": Column(look.corner_uv.astype(np.float32).reshape(-1, 2), "VEC2"),
                "NORMAL": Column(_written_normals(texf, look).reshape(-1, 3), "VEC3")}
     if look.corner_tangent is not None:
@@ -162,12 +164,12 @@ def _columns(texf, look):
 
 
 def _unused(look):
-    """Attributes that a primitive of a look has no use for."""
+    """Names of the attributes that a primitive of a look does not use."""
     return ({"TEXCOORD_0"} if not look.mapped else set()) | ({"COLOR_0"} if look.colours is None else set())
 
 
 def _written_colours(looks):
-    """Colours of corners as glTF has them, uint16 [F, 3, 4]; 0 where faces have none at their corners."""
+    """Colours of corners in glTF's coding, uint16 [F, 3, 4]; 0 for faces without."""
     out = np.zeros((len(looks.face_look), 3, 4), np.uint16)
     for number, look in enumerate(looks.looks):
         if look.colours is not None:
@@ -176,18 +178,18 @@ def _written_colours(looks):
 
 
 def _written_tangents(look):
-    """Tangents of corners, float32 [F, 3, 4]; 0 where the material has no normal map."""
+    """Tangents of corners, float32 [F, 3, 4]; 0 for materials without a normal map."""
     return np.where(_has_normal_map(look)[:, None, None], look.corner_tangent, np.float32(0))
 
 
 def _has_normal_map(look):
-    """Whether the look of each face has one, bool [F]."""
+    """Whether the look of each face has a normal map, bool [F]."""
     return np.array([bool(NORMAL_MAPS & images.keys()) for images in look.images], bool)[look.looks.face_look]
 
 
 def _written_normals(texf, look):
-    """Normals of corners, float32 [F, 3, 3]; 0 where the material is flat, which glTF says by leaving them out. Tangents say
-    nothing without normals (section 3.7.2.1), so that faces with a normal map have theirs."""
+    """Normals of corners, float32 [F, 3, 3]; 0 for flat materials, because glTF shades faces without normals flat. Faces with a
+    normal map keep theirs, because tangents are ignored without normals (section 3.7.2.1)."""
     normal = texf.shading_normals()
     flat = np.array([m.normals.is_flat for m in texf.materials], bool)
     level = ((normal * normal[:, [1, 2, 0]]).sum(axis=2) > _LEVEL).all(axis=1)
@@ -199,7 +201,7 @@ def _written_normals(texf, look):
 
 
 def _are_of_faces(texf, normal, chosen):
-    """Whether normals of corners are those of their faces, where these have area."""
+    """Whether the normals of corners equal those of their faces, for faces with area. chosen: bool [F], the faces."""
     a, b, c = (texf.lattice_positions[texf.faces[chosen, k]].astype(np.float64) for k in range(3))
     across = np.cross(b - a, c - a)
     length = np.linalg.norm(across, axis=1)
@@ -207,7 +209,7 @@ def _are_of_faces(texf, normal, chosen):
 
 
 def _add_texture(document, texture, form, image):
-    """A texture of its own for an image (URI or bytes) of a format; images that wrap alike share a sampler."""
+    """Add a texture for an image, a URI or bytes. form: its ImageFormat. Textures with equal wrap and filter share a sampler."""
     wrap, name = texture.wrap, texture.name
     if isinstance(image, str):
         entry = {"name": name, "uri": image}
@@ -279,8 +281,8 @@ def _text(document):
 
 
 class _Groups(NamedTuple):
-    """What becomes a primitive each. vertex: int64 [U] ascending and face: int64 [F], numbers of materials; materials: glTF
-    dicts; unused: names of the attributes that each leaves out."""
+    """Groups of faces, each of which becomes a primitive. vertex: int64 [U], ascending, and face: int64 [F]: group of each vertex
+    and face, an index into materials; materials: glTF dicts; unused: names of the attributes that each leaves out."""
 
     vertex: np.ndarray
     face: np.ndarray
@@ -289,7 +291,7 @@ class _Groups(NamedTuple):
 
 
 def _add_surface(document, texf, vertex, index, groups, columns, packing):
-    """Primitives, one per group in use, each with accessors of its own: vertices come sorted by group.
+    """Add a primitive with its own accessors for each group in use; vertices are sorted by group.
 
     vertex: int64 [U]; index: int64 [F, 3]; columns: attribute name -> Column of [U, k]; packing: of packing.py.
     """

@@ -92,8 +92,8 @@ def _rounded(values, kind):
 
 @kernel
 def _attributes(data, last, out, block):
-    """Decode blocks of attributes to out, uint8 [count, stride]. data: uint8, bytes of the blocks; last: uint8 [stride], predictor
-    of the first vertex; block: vertices in a block. Returns the number of bytes read, or -1."""
+    """Decode blocks of attributes to out, uint8 [count, stride]. data: uint8, bytes of the blocks; last: uint8 [stride],
+    predictor of the first vertex; block: vertices in a block. Returns the number of bytes read, or -1."""
     at, count, stride = 0, out.shape[0], out.shape[1]
     for k0 in range(0, count, block):
         size = min(block, count - k0)

@@ -1,4 +1,4 @@
-"""Loading: a path or a mesh object becomes a Scene, or one error with a code of texfcodec/findings.py (TXF-I01 to I41)."""
+"""Loading: a path or a mesh object becomes a Scene, or one error with a code of findings.py (TXF-I01 to I41)."""
 
 import os
 from importlib import import_module
@@ -42,7 +42,7 @@ def load(source: object, strict: bool = False, limits: Limits | None = None) -> 
     Raises
     ------
     InputError, SupportError, LimitError
-        Codes TXF-I01 to I41 of texfcodec/findings.py; nothing else is raised.
+        Codes TXF-I01 to I41 of findings.py; nothing else is raised.
     """
     notes = Notes(strict, limits)
     if isinstance(source, (str, os.PathLike)):

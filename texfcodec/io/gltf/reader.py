@@ -40,7 +40,7 @@ _HARMLESS_WHEN_REQUIRED = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp", "
 
 def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
     """Bytes of a .glb or .gltf file -> Scene. A stream that the file carries is read in place of its meshes. folder: base of
-    relative URIs. Raises errors with codes of texfcodec/findings.py."""
+    relative URIs. Raises errors with codes of findings.py."""
     document = open_document(data, folder, notes)
     _check_required(document)
     scene = _scene_of_stream(document)

@@ -31,10 +31,10 @@ def _join(a, b, label):
             label[y] = x
         else:
             label[x] = y
-    found = np.int64(0)
+    count = np.int64(0)
     for i in range(label.shape[0]):
         if label[i] == i:
-            label[i] = found
-            found += 1
+            label[i] = count
+            count += 1
         else:
             label[i] = label[label[i]]  # a node before it, which has its component already

@@ -33,13 +33,13 @@ IMPORT = re.compile(rb"^[ \t]*from[ \t]+(\.+|texfcodec\b\.?)([\w.]*)[ \t]+import
 def _read(path: Path) -> tuple[str, bytes, tuple[Path, ...]]:
     """Of a file of the package: its place there, the hash of its content, and the files of the package that it imports from, at
     the top or inside functions."""
-    content, found = path.read_bytes(), []
+    content, imported = path.read_bytes(), []
     for start, module, names in IMPORT.findall(content):
         root = path.parents[len(start) - 1] if start.startswith(b".") else PACKAGE
         place = root.joinpath(*module.decode().split("."))
         for candidate in (place, *(place / name for name in re.findall(r"\w+", names.decode()))):
-            found += [file for file in (candidate.with_suffix(".py"), candidate / "__init__.py") if file.is_file()]
-    return os.path.relpath(path, PACKAGE), hashlib.sha256(content).digest(), tuple(found)
+            imported += [file for file in (candidate.with_suffix(".py"), candidate / "__init__.py") if file.is_file()]
+    return os.path.relpath(path, PACKAGE), hashlib.sha256(content).digest(), tuple(imported)
 
 
 @lru_cache(maxsize=256)
@@ -49,7 +49,7 @@ def fingerprint(path: Path) -> str:
     known, new = set(), {path}
     while new:
         known |= new
-        new = {file for one in new for file in _read(one)[2]} - known
+        new = {imported for file in new for imported in _read(file)[2]} - known
     total = hashlib.sha256(str(PACKAGE).encode())
     for name, content, _ in sorted(_read(file) for file in known):
         total.update(name.encode() + b"\0" + content)
@@ -99,10 +99,10 @@ def kernel(function: Callable | None = None, allocates: bool = False, **options:
     import numba
 
     folder, options = cache_folder(Path(function.__code__.co_filename)), {"_nrt": allocates, **options}
-    made = _compiled(numba, function, folder, options)
+    compiled = _compiled(numba, function, folder, options)
     if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba sets its settings when it is imported
-        _serve_kernels(numba, made, function, folder / "plain", options)
-    return made
+        _serve_kernels(numba, compiled, function, folder / "plain", options)
+    return compiled
 
 
 def instruction(name: str) -> Callable[[Callable], Callable]:
@@ -113,12 +113,12 @@ def instruction(name: str) -> Callable[[Callable], Callable]:
         from numba.extending import intrinsic, overload
 
         @intrinsic
-        def made(_, v):
+        def llvm_instruction(_, v):
             return v(v), lambda context, builder, signature, values: getattr(builder, name)(values[0])
 
         @overload(function)
         def in_kernels(v):
-            return lambda v: made(np.int64(v))  # type: ignore[call-arg]  # numba gives the first one
+            return lambda v: llvm_instruction(np.int64(v))  # type: ignore[call-arg]  # numba gives the first one
 
         return function
 
@@ -131,14 +131,14 @@ def _compiled(numba, function, folder, options):
         # Read while the decorator runs; other packages keep theirs.
         numba.config.CACHE_DIR = str(folder)
         try:
-            made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+            dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
         finally:
             numba.config.CACHE_DIR = usual
     if not numba.config.DISABLE_JIT:
-        _share(made._cache, folder / f"{function.__name__}.lock")
+        _share(dispatcher._cache, folder / f"{function.__name__}.lock")
         compiling = folder / f"{function.__name__}.compiling"
-        made.compile = _once(numba.core.compiler_lock.global_compiler_lock, compiling, made.compile)
-    return made
+        dispatcher.compile = _once(numba.core.compiler_lock.global_compiler_lock, compiling, dispatcher.compile)
+    return dispatcher
 
 
 def _share(cache, lock):
@@ -148,20 +148,20 @@ def _share(cache, lock):
     def load_ours(sig, target):
         try:
             with _alone(lock):
-                found = load(sig, target)
+                overload = load(sig, target)
         except Exception:  # whatever unpickling makes of a file that was cut short
             return None
-        return found if found is not None and found.signature.args == tuple(getattr(sig, "args", sig)) else None
+        return overload if overload is not None and overload.signature.args == tuple(getattr(sig, "args", sig)) else None
 
-    def save_ours(sig, made):
+    def save_ours(sig, overload):
         with suppress(OSError), _alone(lock):  # a full disk: compiled again the next time
             try:
-                save(sig, made)
+                save(sig, overload)
             except OSError:
                 raise
             except Exception:  # the index is no index
                 cache.flush()
-                save(sig, made)
+                save(sig, overload)
 
     cache.load_overload, cache.save_overload = load_ours, save_ours
 
@@ -182,13 +182,14 @@ def _alone(path: Path) -> Iterator[None]:
         yield
 
 
-def _serve_kernels(numba, made, function, folder, options):
-    """Makes other kernels that call `made` compile a plain version of it: without the two wrappers for Python, and once for 0, 1
-    and any other integer, where numba takes each constant for a type of its own. A first run is a third shorter for it."""
+def _serve_kernels(numba, dispatcher, function, folder, options):
+    """Makes kernels that call this one compile a plain version of it. dispatcher: numba's, of this kernel. The plain version has
+    no wrappers for Python, and it is compiled once for 0, 1 and any other integer; numba would take each constant for a type of
+    its own. This shortens a first run by a third."""
     options, unliteral = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}, numba.types.unliteral
     plain = lru_cache(maxsize=1)(lambda: _compiled(numba, function, folder, options))  # at the first call by a kernel
-    made.get_call_template = lambda args, kws: plain().get_call_template(tuple(unliteral(a) for a in args), kws)
-    made.get_overload = lambda sig: plain().get_overload(sig)
+    dispatcher.get_call_template = lambda args, kws: plain().get_call_template(tuple(unliteral(a) for a in args), kws)
+    dispatcher.get_overload = lambda sig: plain().get_overload(sig)
 
 
 def _once(lock, file, compile_one):

@@ -11,33 +11,34 @@ Made = TypeVar("Made")
 
 
 def ahead(make: Callable[[], Made], threads: int) -> Callable[[], Made]:
-    """Begins make() on a thread of its own, or at the first call where there is but one; the function gives what it made."""
+    """Returns a function that returns the result of make(). make() begins at once on a thread of its own; with a single thread it
+    runs at the first call."""
     if threads < 2:
         return cache(make)
     pool = ThreadPoolExecutor(1)
-    made = pool.submit(make)
+    job = pool.submit(make)
     pool.shutdown(wait=False)
-    return made.result
+    return job.result
 
 
-def over_blocks(one: Callable[[int], object], count: int, block: int, threads: int) -> None:
-    """Calls one(begin) for begin = 0, block, 2 block, ... below count, on so many threads; one must only write its own part."""
-    for _ in in_order(one, range(0, count, block), threads):
+def over_blocks(call: Callable[[int], object], count: int, block: int, threads: int) -> None:
+    """Calls call(begin) for begin = 0, block, 2 block, ... below count on so many threads. A call writes only its own block."""
+    for _ in in_order(call, range(0, count, block), threads):
         pass
 
 
-def in_order(one: Callable[[Item], Made], items: Sequence[Item], threads: int) -> Generator[Made, None, None]:
-    """Yields one(item) for every item in their order, with so many at work at a time and as many waiting for the caller; once it
-    turns away, none begins."""
+def in_order(call: Callable[[Item], Made], items: Sequence[Item], threads: int) -> Generator[Made, None, None]:
+    """Yields call(item) for every item, in their order. `threads` calls run at a time, and as many results wait for the caller.
+    No further call begins once the caller closes the generator."""
     if threads < 2 or len(items) < 2:
-        yield from map(one, items)
+        yield from map(call, items)
         return
     with ThreadPoolExecutor(threads) as pool:
-        jobs = deque(pool.submit(one, item) for item in items[: 2 * threads])
+        jobs = deque(pool.submit(call, item) for item in items[: 2 * threads])
         try:
             for item in items[2 * threads :]:
                 yield jobs.popleft().result()
-                jobs.append(pool.submit(one, item))
+                jobs.append(pool.submit(call, item))
             while jobs:
                 yield jobs.popleft().result()
         finally:

@@ -17,7 +17,7 @@ def _nearest(x, y, z, size, slots, bricks, words, ranks):
     """Rank of the active voxel whose centre is nearest to (x, y, z), -1 where none is within SEARCH_RINGS + 0.5 (up to there
     the cube that is searched holds every candidate). Ties go to the first in x, then y, then z."""
     bx, by, bz = np.int64(np.floor(x)), np.int64(np.floor(y)), np.int64(np.floor(z))
-    best, found = (SEARCH_RINGS + 0.5) ** 2, np.int64(-1)
+    best, nearest = (SEARCH_RINGS + 0.5) ** 2, np.int64(-1)
     for ix in range(bx - SEARCH_RINGS, bx + SEARCH_RINGS + 1):
         for iy in range(by - SEARCH_RINGS, by + SEARCH_RINGS + 1):
             for iz in range(bz - SEARCH_RINGS, bz + SEARCH_RINGS + 1):
@@ -25,8 +25,8 @@ def _nearest(x, y, z, size, slots, bricks, words, ranks):
                 if d < best:
                     rank = _rank_of_voxel(ix, iy, iz, size, slots, bricks, words, ranks)
                     if rank >= 0:
-                        best, found = d, rank
-    return found
+                        best, nearest = d, rank
+    return nearest
 
 
 @kernel(allocates=True)
@@ -70,11 +70,11 @@ def query_field(points: np.ndarray, resolution: int, keys: np.ndarray, brick_map
     points = np.clip(np.asarray(points, np.float64), -1e6, 1e6)
     out, missed = np.empty((len(points), values.shape[1]), np.float32), np.empty(len(points), np.uint8)
 
-    def one(begin):
+    def query_block(begin):
         part = slice(begin, begin + BLOCK)
         _query(points[part], resolution, *brick_map.arrays, values, out[part], missed[part])
 
-    over_blocks(one, len(points), BLOCK, threads)
+    over_blocks(query_block, len(points), BLOCK, threads)
     far = np.flatnonzero(missed == 2)
     if len(far):
         out[far] = values[nearest_of_all(points[far], resolution, keys)]
@@ -100,8 +100,8 @@ def _descend(points, keys, xyz, levels, guess, rank):
     first, last, level = np.empty(136, np.int64), np.empty(136, np.int64), np.empty(136, np.int64)
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        found = guess[i]
-        best = (xyz[found, 0] + 0.5 - x) ** 2 + (xyz[found, 1] + 0.5 - y) ** 2 + (xyz[found, 2] + 0.5 - z) ** 2
+        nearest = guess[i]
+        best = (xyz[nearest, 0] + 0.5 - x) ** 2 + (xyz[nearest, 1] + 0.5 - y) ** 2 + (xyz[nearest, 2] + 0.5 - z) ** 2
         first[0], last[0], level[0], waiting = 0, keys.shape[0], levels, 1
         while waiting > 0:
             waiting -= 1
@@ -110,8 +110,8 @@ def _descend(points, keys, xyz, levels, guess, rank):
                 continue
             if bits == 0:  # a voxel
                 d = (xyz[k, 0] + 0.5 - x) ** 2 + (xyz[k, 1] + 0.5 - y) ** 2 + (xyz[k, 2] + 0.5 - z) ** 2
-                if d < best or (d == best and k < found):
-                    best, found = d, k
+                if d < best or (d == best and k < nearest):
+                    best, nearest = d, k
                 continue
             while k < end:
                 part = keys[k] >> 3 * (bits - 1)
@@ -125,7 +125,7 @@ def _descend(points, keys, xyz, levels, guess, rank):
                 first[waiting], last[waiting], level[waiting] = k, low, bits - 1
                 waiting += 1
                 k = low
-        rank[i] = found
+        rank[i] = nearest
 
 
 @kernel

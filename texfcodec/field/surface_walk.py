@@ -103,10 +103,10 @@ def _triangle_frame(g, per_edge, order):
     s, e, t = order[0], order[1], order[2]
     area = _double_area(g[e, 0] - g[s, 0], g[e, 1] - g[s, 1], g[e, 2] - g[s, 2],
                         g[t, 0] - g[s, 0], g[t, 1] - g[s, 1], g[t, 2] - g[s, 2])
-    one = np.int64(1) << GRID_FRACTION
-    columns = max(np.int64(1), (base * per_edge + one - 1) >> GRID_FRACTION)
+    voxel_edge = np.int64(1) << GRID_FRACTION
+    columns = max(np.int64(1), (base * per_edge + voxel_edge - 1) >> GRID_FRACTION)
     height = area // base
-    rows = max(np.int64(1), (height * per_edge + one - 1) >> GRID_FRACTION)
+    rows = max(np.int64(1), (height * per_edge + voxel_edge - 1) >> GRID_FRACTION)
     return columns, rows, area // (rows * rows)
 
 

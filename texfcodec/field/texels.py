@@ -69,11 +69,11 @@ class TexelSupport(Keyed):
         out = np.empty((len(texel), values.shape[1]), np.float32)
         rank, size = self.rank, np.array([self.width, self.height], np.int64)
 
-        def one(begin):
+        def query_block(begin):
             part = slice(begin, begin + BLOCK)
             _bilinear(texel[part], size, *self.wrap, self.level_shift, rank, values, out[part])
 
-        over_blocks(one, len(texel), BLOCK, threads)
+        over_blocks(query_block, len(texel), BLOCK, threads)
         return out
 
 

@@ -99,9 +99,9 @@ def fill_uncoloured(keys: np.ndarray, colour: np.ndarray, weight: np.ndarray) ->
         total = np.add.reduceat(weight, first)
         place = np.searchsorted(parents, keys[empty] >> shift)
         mean = np.add.reduceat(colour * weight[:, None], first, axis=0)[place] / np.maximum(total[place], 1e-30)[:, None]
-        found = total[place] > 0
-        colour[empty[found]] = mean[found]
-        empty = empty[~found]
+        coloured = total[place] > 0
+        colour[empty[coloured]] = mean[coloured]
+        empty = empty[~coloured]
 
 
 def texels_per_edge(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bits: int, resolution: int) -> float:

@@ -155,4 +155,5 @@ UNITS = {
 def structures() -> list[Structure]:
     """Every syntax structure, those of our codecs among them, in the order of their clauses."""
     before = [SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, PARAMETER, FIELD, GEOMETRY, ATTRIBUTE]
-    return [*before, *(one for codec in our_codecs() for one in codec.structures), METADATA, SHARP_EDGES, CODED_NORMALS]
+    of_codecs = [structure for codec in our_codecs() for structure in codec.structures]
+    return [*before, *of_codecs, METADATA, SHARP_EDGES, CODED_NORMALS]

@@ -138,10 +138,10 @@ def _decode(data, counts, attributes, offset):
         mesh = DracoPy.decode(bytes(data))
     except Exception as error:
         raise StreamError("TXF-S22", f"Draco cannot decode its substream: {error}", clause="5.6", offset=offset) from error
-    found = sorted((a["attribute_type"], a["data_type"], a["num_components"]) for a in mesh.attributes)
-    if found != attributes:
+    received = sorted((a["attribute_type"], a["data_type"], a["num_components"]) for a in mesh.attributes)
+    if received != attributes:
         raise StreamError("TXF-S20", "the Draco substream has unexpected attributes", clause="5.6", offset=offset,
-                          value=found, allowed=attributes)
+                          value=received, allowed=attributes)
     return mesh
 
 

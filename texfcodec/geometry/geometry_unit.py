@@ -27,10 +27,10 @@ class LatticeMesh(NamedTuple):
 
 def field_surface(units: list, number: int) -> LatticeMesh:
     """All geometry units of one field, joined."""
-    mine = [u for u in units if u.field == number]
-    starts = np.cumsum([0] + [len(u.lattice) for u in mine])
-    faces = [u.faces + s for u, s in zip(mine, starts[:-1], strict=True)]
-    return LatticeMesh(np.concatenate([u.lattice for u in mine]), np.concatenate(faces))
+    of_field = [u for u in units if u.field == number]
+    starts = np.cumsum([0] + [len(u.lattice) for u in of_field])
+    faces = [u.faces + s for u, s in zip(of_field, starts[:-1], strict=True)]
+    return LatticeMesh(np.concatenate([u.lattice for u in of_field]), np.concatenate(faces))
 
 
 def field_uv(units: list, number: int) -> np.ndarray:

@@ -152,12 +152,12 @@ def _peeled(edge, flat, gone):
     uses, last, gone, peeled = users.tolist(), numbers.tolist(), gone.tolist(), []
     while candidates:
         face = candidates.pop()
-        mine = edge[face].tolist()
-        if gone[face] or not flat[face] or sum(uses[e] > 1 for e in mine) > 1:
+        edges = edge[face].tolist()
+        if gone[face] or not flat[face] or sum(uses[e] > 1 for e in edges) > 1:
             continue
         gone[face] = True
         peeled.append(face)
-        for e in mine:
+        for e in edges:
             uses[e] -= 1
             last[e] ^= face
             if uses[e] == 1:

@@ -28,21 +28,21 @@ def _points() -> list:
     try:
         return list(entry_points(group=GROUP))
     except Exception:
-        found: list = []
+        points: list = []
         for package in distributions():
             with suppress(Exception):
-                found += package.entry_points.select(group=GROUP)
-        return found
+                points += package.entry_points.select(group=GROUP)
+        return points
 
 
 @lru_cache(maxsize=1)
 def _plugins() -> dict:
     """Codecs of other packages by name, as they were registered: nothing of them is loaded yet. A name of ours stays ours."""
-    found: dict = {}
+    plugins: dict = {}
     for point in _points():
         if point.name not in OURS:
-            found.setdefault(point.name, {})[point.value] = point  # a package that is installed twice is one plug-in
-    return {name: list(points.values()) for name, points in found.items()}
+            plugins.setdefault(point.name, {})[point.value] = point  # a package that is installed twice is one plug-in
+    return {name: list(points.values()) for name, points in plugins.items()}
 
 
 @lru_cache(maxsize=64)

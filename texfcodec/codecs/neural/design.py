@@ -101,7 +101,7 @@ def _guess(tried, budget):
     if tried is None:
         return FIRST_RESOLUTION
     payload, _, resident = tried
-    rest = resident["network"] + sum(one.rows for one in payload.levels[1:]) * payload.features // 2
+    rest = resident["network"] + sum(level.rows for level in payload.levels[1:]) * payload.features // 2
     return int(payload.levels[0].resolution * np.sqrt(max(budget - rest, 0) / (resident["total"] - rest)))
 
 
@@ -121,9 +121,9 @@ def _latent_voxels(surfaces, position_bits, resolution, area_threshold, threads)
     would lose more of its surface than MOST_DROPPED to it, then 0."""
     keys = []
     for lattice, faces in surfaces:
-        found, weights = voxelise(lattice, faces, position_bits, resolution, 0, threads)
+        touched, weights = voxelise(lattice, faces, position_bits, resolution, 0, threads)
         keep = weights >= area_threshold << 24
         if weights[~keep].sum(dtype=np.float64) > MOST_DROPPED * weights.sum(dtype=np.float64) or not keep.any():
             return [voxelise(lattice, faces, position_bits, resolution, 0, threads)[0] for lattice, faces in surfaces], 0
-        keys.append(found[keep])
+        keys.append(touched[keep])
     return keys, area_threshold

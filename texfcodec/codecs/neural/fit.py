@@ -112,24 +112,24 @@ class Fit:
         turned = np.ascontiguousarray(weight.transpose(0, 2, 1))
         cuts = np.linspace(0, len(samples), PARTS + 1).astype(np.int64)
 
-        def one(k):
+        def train_part(k):
             part = slice(cuts[k], cuts[k + 1])
             return _train(samples.position[part], samples.target[part], samples.share[part], slope[part], cell[part], corners,
                           self.codes, self.design.features, self.resolutions, self.design.octaves, self.design.first_wave,
                           self.widths, weight, turned, bias, *(g[k] for g in self.gradients))
 
-        return sum(pool.map(one, range(PARTS)))
+        return sum(pool.map(train_part, range(PARTS)))
 
     def move(self, decay: float, step: int, pool: ThreadPoolExecutor) -> None:
         """Moves everything against its gradient and clears that. decay: share of the rates; step: number of the move, from 1."""
         latent = self.values[0]
 
-        def one(k):
+        def move_part(k):
             low, high = len(latent) * k // self.threads, len(latent) * (k + 1) // self.threads
             _move_rows(low, high, self.design.features, self.gradients[0], latent, self.squares[0], self.times,
                        np.float32(LATENT_RATE * decay), WARMING, self.codes)
 
-        list(pool.map(one, range(self.threads)))
+        list(pool.map(move_part, range(self.threads)))
         scale = np.float32(1 / (1 - MOMENTUM**step)), np.float32(1 / (1 - SQUARE_DECAY**step))
         for n in (1, 2):
             flat = [a.reshape(-1) for a in (self.values[n], self.means[n - 1], self.squares[n])]
@@ -144,12 +144,12 @@ class Fit:
         """What the network says at samples, in float32: [M, C] on the scale 0..255, not clipped. cells: of cells_of."""
         got = np.empty((len(samples), self.design.components), np.float32)
 
-        def one(begin):
+        def evaluate_block(begin):
             part = slice(begin, begin + BLOCK)
             _evaluate(samples.position[part], cells[0][part], cells[1], self.codes, self.design.features, self.resolutions,
                       self.design.octaves, self.design.first_wave, self.widths, *self.values[1:], got[part])
 
-        over_blocks(one, len(samples), BLOCK, self.threads)
+        over_blocks(evaluate_block, len(samples), BLOCK, self.threads)
         return got
 
     def upload(self) -> None:
@@ -167,8 +167,8 @@ class Fit:
             payload, got = self.payload(), np.empty((len(want), self.design.components), np.float32)
             for number, table in enumerate(self.tables):
                 table.take_values(payload)
-                mine = np.flatnonzero(self.held_out.field == number)
-                got[mine] = infer(self.held_out.position[mine], table, self.threads) / 256.0
+                rows = np.flatnonzero(self.held_out.field == number)
+                got[rows] = infer(self.held_out.position[rows], table, self.threads) / 256.0
         else:
             got = self.answers(self.held_out, self.held_cells)
         error = (np.clip(got, 0, 255) - want) ** 2 * share

@@ -34,21 +34,21 @@ def cells_on(position: Any, field: Any, tables: list) -> tuple[Any, Any]:
     [M, 3]; field: tensor int16 [M]."""
     import torch
 
-    device, levels, made, corners = position.device, len(tables[0].index[0]), 0, []
+    device, levels, num_cells, corners = position.device, len(tables[0].index[0]), 0, []
     cell = torch.empty((len(position), levels), dtype=torch.int32, device=device)
     for number, table in enumerate(tables):
-        mine = torch.nonzero(field == number).reshape(-1)
+        of_field = torch.nonzero(field == number).reshape(-1)
         of_level, places, slots, bricks, words, ranks = table.index
         for n in range(levels):
-            x, y, z = _cell_coordinates(position[mine], int(of_level[n, 0])).unbind(1)
+            x, y, z = _cell_coordinates(position[of_field], int(of_level[n, 0])).unbind(1)
             keys, inverse = torch.unique(x | y << CELL_BITS | z << (2 * CELL_BITS), return_inverse=True)
             first = torch.empty(len(keys), dtype=torch.int64, device=device)
-            first[inverse] = mine
+            first[inverse] = of_field
             rows = np.empty((len(keys), 8), np.int32)
             s, t, b, e = places[n, 0], places[n + 1, 0], places[n, 1], places[n + 1, 1]
             where = np.ascontiguousarray(position[first].cpu().numpy())
             _corner_rows(where, *of_level[n], slots[s:t], bricks[b:e], words[b:e], ranks[b:e], rows)
-            cell[mine, n] = (made + inverse).int()
+            cell[of_field, n] = (num_cells + inverse).int()
             corners.append(torch.as_tensor(rows, device=device))
-            made += len(rows)
+            num_cells += len(rows)
     return cell, torch.cat(corners) if corners else torch.empty((0, 8), dtype=torch.int32, device=device)

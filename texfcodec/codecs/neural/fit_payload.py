@@ -62,7 +62,7 @@ def fit_payload(source: CodecSource, options: NeuralOptions, report: Report) -> 
         shown = Source(source, options.threads)
         drawn = shown.draw_busy(wanted, [options.seed, 0]), shown.draw(HELD_OUT, [options.seed, 1])
     places = components_of(shown.channels)
-    judged = [c for channel, mine in places.items() if channel is not ALPHA for c in mine]
+    judged = [c for channel, span in places.items() if channel is not ALPHA for c in span]
 
     def look(fit, steps):
         row = fit.log[-1]
@@ -79,10 +79,10 @@ def fit_payload(source: CodecSource, options: NeuralOptions, report: Report) -> 
     with report.stage("refine"):
         refinement = _refined(fit, shown, surface.cube.position_bits, options, report)
     payload = fit.payload()
-    told = {"engine": type(fit).__name__, "steps": fit.step, "asked_steps": options.steps,
-            "seconds": round(fit.seconds, 2), "samples": len(fit.samples), **reached, "log": fit.log,
-            "levels": [{"resolution": one.resolution, "rows": one.rows} for one in payload.levels]}
-    return payload, design.tables, {"resident": design.resident, "fit": told, "refinement": refinement}
+    facts = {"engine": type(fit).__name__, "steps": fit.step, "asked_steps": options.steps,
+             "seconds": round(fit.seconds, 2), "samples": len(fit.samples), **reached, "log": fit.log,
+             "levels": [{"resolution": level.resolution, "rows": level.rows} for level in payload.levels]}
+    return payload, design.tables, {"resident": design.resident, "fit": facts, "refinement": refinement}
 
 
 def components_of(channels: Sequence[Channel]) -> dict[Channel, range]:
@@ -95,7 +95,7 @@ def _reached(fit, places):
     """What the report says of a fit's errors: PSNR of the integer evaluation, of base colour, of all that is judged and by
     channel, None where there is no error."""
     errors = fit.errors(exact=True)
-    psnr = json_ready({c.name: round(pooled_psnr(errors, mine), 3) for c, mine in places.items()})
+    psnr = json_ready({c.name: round(pooled_psnr(errors, span), 3) for c, span in places.items()})
     return {"psnr_rgb": psnr[BASE_COLOUR.name], "psnr_channels": psnr,
             **json_ready({"psnr_judged": round(pooled_psnr(errors, fit.judged), 3)})}
 

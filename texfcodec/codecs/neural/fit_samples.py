@@ -168,18 +168,18 @@ def cells_of(samples: Samples, tables: list) -> tuple[np.ndarray, np.ndarray]:
     """The latents around each sample: (cell int32 [M, L], corners int32 [cells, 8]); row cell[i, n] of corners names the eight
     latents of level n around sample i, -1 where none is. tables: payload.Tables by field."""
     levels = len(tables[0].index[0])
-    cell, corners, made = np.empty((len(samples), levels), np.int32), [], 0
+    cell, corners, num_cells = np.empty((len(samples), levels), np.int32), [], 0
     for number, table in enumerate(tables):
-        mine = np.flatnonzero(samples.field == number)
+        of_field = np.flatnonzero(samples.field == number)
         of_level, places, slots, bricks, words, ranks = table.index
         for n in range(levels):
-            keys = np.empty(len(mine), np.int64)
-            _keys(samples.position[mine], of_level[n, 0], keys)
-            _, one, inverse = np.unique(keys, return_index=True, return_inverse=True)
-            rows = np.empty((len(one), 8), np.int32)
+            keys = np.empty(len(of_field), np.int64)
+            _keys(samples.position[of_field], of_level[n, 0], keys)
+            _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+            rows = np.empty((len(first), 8), np.int32)
             s, t, b, e = places[n, 0], places[n + 1, 0], places[n, 1], places[n + 1, 1]
-            _corner_rows(samples.position[mine[one]], *of_level[n], slots[s:t], bricks[b:e], words[b:e], ranks[b:e], rows)
-            cell[mine, n] = made + inverse.reshape(-1)
+            _corner_rows(samples.position[of_field[first]], *of_level[n], slots[s:t], bricks[b:e], words[b:e], ranks[b:e], rows)
+            cell[of_field, n] = num_cells + inverse.reshape(-1)
             corners.append(rows)
-            made += len(rows)
+            num_cells += len(rows)
     return cell, np.concatenate(corners) if corners else np.empty((0, 8), np.int32)

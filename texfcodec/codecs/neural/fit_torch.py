@@ -209,8 +209,8 @@ class TorchFit(Fit):
             part = (local & ((1 << LOCAL_BITS) - 1)).float() / (1 << LOCAL_BITS)
             corner, weight = corners[cell[:, level].long()].long(), 1.0
             for axis in range(3):
-                one = part[:, axis, None]
-                weight = weight * torch.where((q >> axis & 1) > 0, one, 1 - one)
+                along = part[:, axis, None]
+                weight = weight * torch.where((q >> axis & 1) > 0, along, 1 - along)
             weight = weight * (corner >= 0)
             total = weight.sum(1, keepdim=True)
             weight = torch.where(total > 0, weight / total.clamp(min=1e-12), weight)
@@ -424,7 +424,7 @@ def _products(torch, device, remarks):
     return "float32"
 
 
-def _distance(one, other):
+def _distance(value, other):
     """Norm of the difference over the norm of other."""
-    one, other = one.double(), other.double()
-    return float((one - other).norm() / other.norm().clamp(min=1e-30))
+    value, other = value.double(), other.double()
+    return float((value - other).norm() / other.norm().clamp(min=1e-30))

@@ -91,13 +91,13 @@ def _rows_around(x, y, z, resolution, log2, salt, slots, bricks, words, ranks, r
 def _weights(u, v, w, corner, weight):
     """Integer weights (11.4) of the eight latents around a point at (u, v, w) of their cell into weight int32 [8], 0 where corner
     is -1; returns their sum, at most 2**24."""
-    one, shift, total = 1 << LOCAL_BITS, 3 * LOCAL_BITS - WEIGHT_SUM_BITS, np.int64(0)
-    near, far = (one - u) * (one - v), u * (one - v)
-    weight[0], weight[4] = near * (one - w) >> shift, near * w >> shift
-    weight[1], weight[5] = far * (one - w) >> shift, far * w >> shift
-    near, far = (one - u) * v, u * v
-    weight[2], weight[6] = near * (one - w) >> shift, near * w >> shift
-    weight[3], weight[7] = far * (one - w) >> shift, far * w >> shift
+    unity, shift, total = 1 << LOCAL_BITS, 3 * LOCAL_BITS - WEIGHT_SUM_BITS, np.int64(0)
+    near, far = (unity - u) * (unity - v), u * (unity - v)
+    weight[0], weight[4] = near * (unity - w) >> shift, near * w >> shift
+    weight[1], weight[5] = far * (unity - w) >> shift, far * w >> shift
+    near, far = (unity - u) * v, u * v
+    weight[2], weight[6] = near * (unity - w) >> shift, near * w >> shift
+    weight[3], weight[7] = far * (unity - w) >> shift, far * w >> shift
     for q in range(8):
         weight[q] = weight[q] if corner[q] >= 0 else 0
         total += weight[q]
@@ -252,11 +252,11 @@ def infer(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray
         raise IndexError("a position outside the cube")
     out = np.empty((len(positions), tables.components), np.uint16)
 
-    def one(begin):
+    def infer_block(begin):
         part = slice(begin, begin + BLOCK)
         _infer(positions[part], *tables.arrays, out[part])
 
-    over_blocks(one, len(positions), BLOCK, threads)
+    over_blocks(infer_block, len(positions), BLOCK, threads)
     return out
 
 

@@ -81,8 +81,8 @@ class Neural(JointCodec):
 
         payload = payload_of(values, options.limits)
         with report.stage("voxelise"):
-            grids = [[_level_voxels(one, position_bits, level, i, options) for level in payload.levels]
-                     for i, one in enumerate(surfaces)]
+            grids = [[_level_voxels(surface, position_bits, level, i, options) for level in payload.levels]
+                     for i, surface in enumerate(surfaces)]
         with report.stage("attributes"):
             take_codes(payload, values)
             return [Tables(payload, i, keys) for i, keys in enumerate(grids)]
@@ -100,21 +100,21 @@ class Neural(JointCodec):
     def describe(self, values: dict) -> dict:
         """The form, and the bytes of the resident form without the index that the geometry gives."""
         rows = [level["NumRows"] for level in values["latent_levels"]]
-        made = {"form": "transport" if values["form"] == FORM_TRANSPORT else "resident", "features": values["num_features"],
-                "levels": [{"resolution": one["level_resolution"], "table_log2": one["table_log2"], "rows": n}
-                           for one, n in zip(values["latent_levels"], rows, strict=True)],
-                "widths": values["Widths"], "latent_bytes": sum(rows) * values["num_features"] // 2,
-                "network_bytes": values["ParameterBytes"]}
-        return {"neural": made}
+        neural = {"form": "transport" if values["form"] == FORM_TRANSPORT else "resident", "features": values["num_features"],
+                  "levels": [{"resolution": level["level_resolution"], "table_log2": level["table_log2"], "rows": n}
+                             for level, n in zip(values["latent_levels"], rows, strict=True)],
+                  "widths": values["Widths"], "latent_bytes": sum(rows) * values["num_features"] // 2,
+                  "network_bytes": values["ParameterBytes"]}
+        return {"neural": neural}
 
     def info_lines(self, group: dict) -> Iterator[str]:
         """As Codec.info_lines."""
-        made = group["neural"]
-        levels = ", ".join(f"{one['rows']} rows at {one['resolution']}" + (" (hashed)" if one["table_log2"] else "")
-                           for one in made["levels"])
-        yield (f"3DNTC, all fields: {group['bytes']} bytes, {made['form']} form; {levels} of {made['features']} latents; network "
-               + "-".join(map(str, made["widths"]))
-               + f"; on a GPU {made['latent_bytes'] + made['network_bytes']} bytes and an index")
+        neural = group["neural"]
+        levels = ", ".join(f"{level['rows']} rows at {level['resolution']}" + (" (hashed)" if level["table_log2"] else "")
+                           for level in neural["levels"])
+        yield (f"3DNTC, all fields: {group['bytes']} bytes, {neural['form']} form; {levels} of {neural['features']} latents; "
+               "network " + "-".join(map(str, neural["widths"]))
+               + f"; on a GPU {neural['latent_bytes'] + neural['network_bytes']} bytes and an index")
 
     def pack(self, evaluators: list) -> tuple[dict, dict]:
         """As JointCodec.pack: neural_parameters in the resident form, and the voxels of the levels that are not hashed."""
@@ -122,7 +122,7 @@ class Neural(JointCodec):
 
         payload = evaluators[0].payload
         values = payload_values(payload, FORM_RESIDENT) | {"num_fields": len(evaluators), "NumOutputs": payload.components}
-        keys = [k for one in evaluators for k in one.keys if k is not None]
+        keys = [k for tables in evaluators for k in tables.keys if k is not None]
         return {}, {"neural": np.frombuffer(write_structure(NEURAL, values), np.uint8),
                     "latent_keys": np.concatenate([np.zeros(0, np.int64), *keys])}
 
@@ -145,8 +145,8 @@ class Neural(JointCodec):
         """As JointCodec.result_lines."""
         from ...core.colour_error import in_decibels
 
-        kept, fit, told = facts["resident"], facts["fit"], facts["refinement"]
-        grids = ", ".join(f"{one['rows']} rows of a grid of {one['resolution']}" for one in fit["levels"])
+        kept, fit, refinement = facts["resident"], facts["fit"], facts["refinement"]
+        grids = ", ".join(f"{level['rows']} rows of a grid of {level['resolution']}" for level in fit["levels"])
         yield (f"resident {kept['total']} bytes: latents {kept['latents']} ({grids}), network {kept['network']}, "
                f"index {kept['index']}; {facts['fields']} field" + ("s" if facts["fields"] != 1 else ""))
         early = "" if fit["steps"] == fit["asked_steps"] else f" of {fit['asked_steps']}, stopped without further gain"
@@ -154,12 +154,13 @@ class Neural(JointCodec):
         others = [f"{name} {in_decibels(psnr)}" for name, psnr in fit["psnr_channels"].items()][1:]
         if others:
             yield "maps at held-out points, in 0 to 255: " + ", ".join(others)
-        if told["kind"] == "render":
-            psnr = {row["iteration"]: row["held_out_psnr"] for row in told["iterations"]}
-            shown = [in_decibels(psnr[n]) for n in (0, told["kept_iteration"])]
-            yield (f"refined on pictures: {shown[0]} to {shown[1]} in held-out views; {told['psnr_rgb']:.2f} dB at the points")
-        elif told["asked"] == "render":
-            yield f"not refined on pictures: {told['reason']}"
+        if refinement["kind"] == "render":
+            psnr = {row["iteration"]: row["held_out_psnr"] for row in refinement["iterations"]}
+            shown = [in_decibels(psnr[n]) for n in (0, refinement["kept_iteration"])]
+            yield (f"refined on pictures: {shown[0]} to {shown[1]} in held-out views; "
+                   f"{refinement['psnr_rgb']:.2f} dB at the points")
+        elif refinement["asked"] == "render":
+            yield f"not refined on pictures: {refinement['reason']}"
 
 
 def _level_voxels(surface, position_bits, level, number, options):

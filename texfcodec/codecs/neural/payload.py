@@ -82,7 +82,7 @@ class Payload:
 
     def first_row(self, number: int, level: int) -> int:
         """First row of a level's latents for field `number`."""
-        before = sum(one.rows for one in self.levels[:level])
+        before = sum(earlier.rows for earlier in self.levels[:level])
         return before + (0 if self.levels[level].table_log2 else sum(self.levels[level].entries[:number]))
 
 
@@ -121,8 +121,8 @@ def _check_halves(halves, offset):
 
 def payload_values(payload: Payload, form: int) -> dict:
     """Syntax values of neural_parameters (spec 5.7.4)."""
-    levels = [{"level_resolution": one.resolution, "table_log2": one.table_log2, "latent_threshold": one.area_threshold,
-               "num_latents": list(one.entries)} for one in payload.levels]
+    levels = [{"level_resolution": level.resolution, "table_log2": level.table_log2, "latent_threshold": level.area_threshold,
+               "num_latents": list(level.entries)} for level in payload.levels]
     return {
         "form": form, "num_features": payload.features, "wave_octaves": payload.octaves, "first_wave": payload.first_wave,
         "num_hidden": len(payload.hidden), "hidden_width": list(payload.hidden), "num_levels": len(levels),
@@ -134,8 +134,8 @@ def payload_values(payload: Payload, form: int) -> dict:
 def payload_of(values: dict, limits: Limits) -> Payload:
     """Payload of an attribute unit's syntax values, without its codes, which may be many: they follow with take_codes once the
     levels have been checked against the geometry. Raises StreamError and LimitError."""
-    levels = tuple(Level(one["level_resolution"], one["table_log2"], one["latent_threshold"], tuple(one["num_latents"]))
-                   for one in values["latent_levels"])
+    levels = tuple(Level(level["level_resolution"], level["table_log2"], level["latent_threshold"], tuple(level["num_latents"]))
+                   for level in values["latent_levels"])
     payload = Payload(values["num_features"], values["wave_octaves"], values["first_wave"], tuple(values["hidden_width"]), levels,
                       values["NumOutputs"], np.frombuffer(values["network_data"], "<u2"))
     _check_halves(payload.halves, values["offset"])

@@ -86,19 +86,19 @@ def _activate(y, slope, rows):
 @kernel(**fused)
 def _corner_weights(position, resolution, corner, weight):
     """Trilinear weights of one sample on one level, float32 [8], 0 where no latent is; renormalised."""
-    one, unit, part = np.float32(1), np.float32(1.0 / (1 << LOCAL_BITS)), (1 << LOCAL_BITS) - 1
+    unity, unit, part = np.float32(1), np.float32(1.0 / (1 << LOCAL_BITS)), (1 << LOCAL_BITS) - 1
     u = np.float32(_local(position[0], resolution) & part) * unit
     v = np.float32(_local(position[1], resolution) & part) * unit
     w = np.float32(_local(position[2], resolution) & part) * unit
-    near, far = (one - u) * (one - v), u * (one - v)
-    weight[0], weight[4], weight[1], weight[5] = near * (one - w), near * w, far * (one - w), far * w
-    near, far = (one - u) * v, u * v
-    weight[2], weight[6], weight[3], weight[7] = near * (one - w), near * w, far * (one - w), far * w
+    near, far = (unity - u) * (unity - v), u * (unity - v)
+    weight[0], weight[4], weight[1], weight[5] = near * (unity - w), near * w, far * (unity - w), far * w
+    near, far = (unity - u) * v, u * v
+    weight[2], weight[6], weight[3], weight[7] = near * (unity - w), near * w, far * (unity - w), far * w
     total = np.float32(0)
     for q in range(8):
         weight[q] = weight[q] if corner[q] >= 0 else np.float32(0)
         total += weight[q]
-    scale = one / total if total > 0 else np.float32(0)
+    scale = unity / total if total > 0 else np.float32(0)
     for q in range(8):
         weight[q] *= scale
 
@@ -242,14 +242,14 @@ def _evaluate(position, cell, corners, codes, features, resolutions, octaves, fi
 @kernel(**fused)
 def _adam(value, gradients, mean, square, rate, mean_scale, square_scale):
     """One step of Adam on flat arrays; gradients: float32 [parts, size], summed in order and cleared."""
-    one = np.float32(1)
+    unity = np.float32(1)
     for i in range(value.shape[0]):
         g = np.float32(0)
         for part in range(gradients.shape[0]):
             g += gradients[part, i]
             gradients[part, i] = np.float32(0)
-        mean[i] = np.float32(MOMENTUM) * mean[i] + (one - np.float32(MOMENTUM)) * g
-        square[i] = np.float32(SQUARE_DECAY) * square[i] + (one - np.float32(SQUARE_DECAY)) * g * g
+        mean[i] = np.float32(MOMENTUM) * mean[i] + (unity - np.float32(MOMENTUM)) * g
+        square[i] = np.float32(SQUARE_DECAY) * square[i] + (unity - np.float32(SQUARE_DECAY)) * g * g
         value[i] -= rate * mean[i] * mean_scale / (np.sqrt(square[i] * square_scale) + np.float32(TINY))
 
 
@@ -262,7 +262,7 @@ def _move_rows(low, high, features, gradients, value, square, times, rate, warmi
     moved; warming: float32 [T], 1 / (1 - SQUARE_DECAY ** t), 1 from T on. Writes what a decoder will read, 2 q + 1, to codes
     int8 [N, padded].
     """
-    one, keep, padded = np.float32(1), np.float32(SQUARE_DECAY), value.shape[1]
+    unity, keep, padded = np.float32(1), np.float32(SQUARE_DECAY), value.shape[1]
     powers = np.zeros(CHUNK, np.float32)
     for row in range(low, high):
         g = gradients[0, row]
@@ -280,8 +280,8 @@ def _move_rows(low, high, features, gradients, value, square, times, rate, warmi
         if total == 0:
             continue
         times[row] += 1
-        square[row] = keep * square[row] + (one - keep) * total / np.float32(features)
-        scale = warming[times[row]] if times[row] < warming.shape[0] else one
+        square[row] = keep * square[row] + (unity - keep) * total / np.float32(features)
+        scale = warming[times[row]] if times[row] < warming.shape[0] else unity
         size = rate / (np.sqrt(square[row] * scale) + np.float32(TINY))
         moved = value[row]
         for c in range(0, padded, CHUNK):

@@ -12,9 +12,9 @@ CLASSES = 4  # of an earlier row's code: its two upper bits
 @kernel
 def _context(codes, row, k):
     """First of the 16 contexts of code [row, k]: by component and by what the two rows before hold there."""
-    one = (np.int64(codes[row - 1, k]) + 8) >> 2 if row > 0 else 2
-    two = (np.int64(codes[row - 2, k]) + 8) >> 2 if row > 1 else 2
-    return ((k * CLASSES + one) * CLASSES + two) << CODE_BITS
+    above = (np.int64(codes[row - 1, k]) + 8) >> 2 if row > 0 else 2
+    before = (np.int64(codes[row - 2, k]) + 8) >> 2 if row > 1 else 2
+    return ((k * CLASSES + above) * CLASSES + before) << CODE_BITS
 
 
 @kernel

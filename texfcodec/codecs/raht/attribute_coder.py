@@ -273,18 +273,18 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
                 break
             filters.append(stage)
             walk.mean = apply_stage(stage, rings_of(octree), walk.mean, steps, walk.run)
-        made, residual, cross = walk.mean if plan is None else plan.inverse(walk.mean), 0, []
+        decoded, residual, cross = walk.mean if plan is None else plan.inverse(walk.mean), 0, []
         if plan is not None and depth:
             parents, residual = _ranges(levels, depth - 1, slice_level, slice_first), plan.delta + 1
-            cross = fit_cross(levels[-2], walk.table, tools.planar, made, plan.original, parents, walk.run)
-            made = code_residuals([coder.code_residuals for coder in active], levels[-2], walk.table, tools.planar, parents, made,
-                                  plan.delta, cross, plan.original, walk.run)
+            cross = fit_cross(levels[-2], walk.table, tools.planar, decoded, plan.original, parents, walk.run)
+            decoded = code_residuals([coder.code_residuals for coder in active], levels[-2], walk.table, tools.planar, parents,
+                                     decoded, plan.delta, cross, plan.original, walk.run)
     codewords = [coder.codeword() for coder in coders] if depth else []
     level_bytes = [coder.level_bytes for coder in coders] if depth else []
     coded = CodedAttributes(list(qp), list(tools.kernel), tools.colour_range, tools.models, filters, root, slice_level,
                             slice_first, codewords, level_bytes, residual, cross, tools.planar, *_block_rules(tools, len(qp)),
                             tools.dct_blocks)
-    return coded, made
+    return coded, decoded
 
 
 def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: np.ndarray, spans: list[tuple[int, int]],
@@ -326,16 +326,16 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
             _watch(watched[first:], spans[first:], active)
         for stage in coded.filters if 0 < stop_level == depth else ():
             walk.mean = apply_stage(stage, rings_of(octree), walk.mean, steps, walk.run)
-        made = walk.mean if inverse is None else inverse(walk.mean)
+        decoded = walk.mean if inverse is None else inverse(walk.mean)
         if inverse is not None and coded.residual and 0 < stop_level == depth:
             parents = _ranges(levels, depth - 1, coded.slice_level, coded.slice_first)
             readers = [partial(_read_residuals, coder) for coder, _ in active]
-            made = code_residuals(readers, levels[-2], walk.table, coded.planar, parents, made, coded.residual - 1,
-                                  coded.residual_cross, made, walk.run)
+            decoded = code_residuals(readers, levels[-2], walk.table, coded.planar, parents, decoded, coded.residual - 1,
+                                     coded.residual_cross, decoded, walk.run)
             _watch(watched[first:], spans[first:], active)
     if reached is not None:
         reached += watched
-    return made
+    return decoded
 
 
 def _dec_level(coder, model, rules, blocks, scratch, begin, end):

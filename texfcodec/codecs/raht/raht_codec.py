@@ -131,7 +131,7 @@ def _reading(codewords, reached):
     """The Reading of codewords' syntax values. reached: as that of codec.dec_attributes()."""
     unread = sum(max(0, word["codeword_length"] - ends[-1]) for word, ends in zip(codewords, reached, strict=True) if ends)
     said = [(word["level_bytes"], np.diff(ends, prepend=0).tolist()) for word, ends in zip(codewords, reached, strict=True)]
-    return Reading(unread, sum(a != b for told, read in said for a, b in zip(told, read, strict=False)))
+    return Reading(unread, sum(a != b for sent, read in said for a, b in zip(sent, read, strict=False)))
 
 
 def _level_bytes(values):

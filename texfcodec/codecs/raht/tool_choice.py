@@ -88,8 +88,8 @@ def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[
     def costs_of(candidates):
         jobs = [(candidate, piece) for candidate in candidates for piece in pieces]
         cost = lambda tools, piece: _lagrangian_cost(piece[0], depth, piece[1], qp, tools, piece[2])
-        made = list(in_order(lambda job: cost(*job), jobs, threads))
-        return np.reshape(made, (len(candidates), len(pieces))).sum(axis=1).tolist()
+        costs = list(in_order(lambda job: cost(*job), jobs, threads))
+        return np.reshape(costs, (len(candidates), len(pieces))).sum(axis=1).tolist()
 
     costs = costs_of(candidates)
     best, least = candidates[int(np.argmin(costs))], min(costs)

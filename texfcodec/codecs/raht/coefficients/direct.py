@@ -86,9 +86,9 @@ def _choose_plane(contexts, flag_ctx, c0, c1, level, strength, wanted, s):
             rounded = np.int64(x + 0.5)
             choice = np.int64(0)
             if rounded > 0:
-                one = _cost(contexts, ctx, 1, bits_of)
+                nonzero_cost = _cost(contexts, ctx, 1, bits_of)
                 for candidate in range(max(np.int64(1), rounded - 1), rounded + 1):
-                    j = (x - candidate) ** 2 * lagrangian + one
+                    j = (x - candidate) ** 2 * lagrangian + nonzero_cost
                     j += _magnitude_cost(contexts, c, strength, large, candidate, bits_of)
                     if j < best:
                         best, choice = j, np.int64(candidate)

@@ -164,9 +164,9 @@ class TexelRings:
         near = np.full((len(squares), len(OFFSETS)), -1, np.int64)
         for d, (dx, dy) in enumerate(OFFSETS):
             beside = np.stack([x + dx, y + dy, np.zeros_like(x)], axis=1)
-            asked = encode_morton(np.maximum(beside, 0))
-            at = np.minimum(np.searchsorted(squares, asked), len(squares) - 1)
-            near[:, d] = np.where((squares[at] == asked) & (beside.min(axis=1) >= 0), at, -1)
+            neighbours = encode_morton(np.maximum(beside, 0))
+            at = np.minimum(np.searchsorted(squares, neighbours), len(squares) - 1)
+            near[:, d] = np.where((squares[at] == neighbours) & (beside.min(axis=1) >= 0), at, -1)
         self.size, self.around = len(squares), (keys, np.append(first, len(keys)), near)
 
     def filter(self, begin: int, end: int, mean: np.ndarray, *arguments: Any) -> None:

@@ -264,8 +264,8 @@ def _decode_jointly(texf, stream, surfaces, options, report):
     check_values(total, values, codec)
 
 
-def check_values(found: int, values: dict, codec: Codec) -> None:
+def check_values(checksum: int, values: dict, codec: Codec) -> None:
     """Raises StreamError where decoded values have another checksum than values_crc."""
-    if found != values["values_crc"]:
+    if checksum != values["values_crc"]:
         raise StreamError("TXF-S32", "the checksum of the decoded values does not match", clause=codec.checksum_clause,
                           offset=values["offset"])

@@ -345,14 +345,14 @@ class Texf:
         from .io.save import save, save_into
 
         if not isinstance(path, str | PathLike):
-            told = save_into(self, path, format, **options)
+            report = save_into(self, path, format, **options)
         elif format and Path(path).suffix.lower() != "." + format.lower().removeprefix("."):
             raise InputError("TXF-O05", "the format differs from the suffix of the path", value=format, path=str(path))
         else:
-            told = save(self, path, **options)
-        for text in told["warnings"]:
+            report = save(self, path, **options)
+        for text in report["warnings"]:
             warnings.warn(text, LossWarning, stacklevel=2)
-        return told
+        return report
 
     def __repr__(self):
         sizes = plural(len(self.faces), "face", "faces") + ", " + plural(len(self.fields), "field", "fields")

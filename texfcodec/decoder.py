@@ -1,4 +1,4 @@
-"""Stream to Texf: the mirror image of encoder.py."""
+"""Decodes a stream to a Texf. encoder/write.py is the mirror image."""
 
 import json
 import time
@@ -34,7 +34,8 @@ Known = Callable[[dict, Group], np.ndarray | None]  # (syntax elements of an att
 
 
 class DecodedSurface(NamedTuple):
-    """mesh: of a field; uv: int64 [V, 2], parallel to its lattice, None where the field is over voxels."""
+    """Decoded surface of one field. mesh: LatticeMesh; uv: int64 [V, 2], parallel to the lattice, None if the field is over
+    voxels."""
 
     mesh: LatticeMesh
     uv: np.ndarray | None
@@ -43,9 +44,27 @@ class DecodedSurface(NamedTuple):
 def decode_stream(data: bytes, options: DecodeOptions, report: Report, known: Known | None = None) -> Texf:
     """Decodes a .texf stream in this process (spec clauses 5 to 8).
 
-    data: bytes; report: Report that receives seconds by stage and warnings; known: spares the decoding of values that it has,
-    for the encoder that looks at its own stream; their checksum is compared all the same. Raises StreamError, LimitError or
-    SupportError; nothing else on any input.
+    Parameters
+    ----------
+    data : bytes
+        The stream.
+    options : DecodeOptions
+        Threads, limits and the level of detail.
+    report : Report
+        Receives seconds by stage and warnings.
+    known : callable, optional
+        (syntax values of an attribute unit, its Group) -> uint8 [N, C] or None. The encoder passes the values that it has, so
+        that its own stream decodes faster. Their checksum is compared all the same.
+
+    Returns
+    -------
+    Texf
+        The mesh, its fields and materials.
+
+    Raises
+    ------
+    StreamError, LimitError, SupportError
+        Nothing else, on any input.
     """
     with report.stage("parse"):
         stream = read_stream(bytes(data), options.limits)
@@ -69,7 +88,22 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report, known: Kn
 
 
 def appearance_of(stream: Stream, options: DecodeOptions, report: Report) -> Texf:
-    """The Texf of what a stream says itself: without units, fields, marks and normals. report: gets warnings."""
+    """Builds the Texf of what a stream holds undecoded. It has no units, fields, marks and normals yet.
+
+    Parameters
+    ----------
+    stream : Stream
+        As read_stream() returns it.
+    options : DecodeOptions
+        Gives the threads.
+    report : Report
+        Receives warnings about skipped units.
+
+    Returns
+    -------
+    Texf
+        Canonical cube, materials, channel groups and metadata.
+    """
     for unit in stream.skipped:
         report.warnings.append(f"an unknown ancillary unit of type {unit['type']} at byte {unit['offset']} is skipped")
     header = stream.header
@@ -79,7 +113,25 @@ def appearance_of(stream: Stream, options: DecodeOptions, report: Report) -> Tex
 
 
 def decode_unit(values: dict, position_bits: int) -> GeometryUnit:
-    """One geometry unit of its syntax values. Raises StreamError."""
+    """Decodes one geometry unit.
+
+    Parameters
+    ----------
+    values : dict
+        Syntax values of the unit (spec 5.6).
+    position_bits : int
+        Bits of a lattice coordinate.
+
+    Returns
+    -------
+    GeometryUnit
+        Lattice, faces and, over texels, UVs.
+
+    Raises
+    ------
+    StreamError
+        The substream does not decode, or TXF-S24: its checksum differs.
+    """
     decoded = _decode_draco(values, position_bits)
     if geometry_crc(*decoded) != values["geometry_crc"]:
         raise StreamError("TXF-S24", "the checksum of the decoded faces does not match", clause="5.6.3",
@@ -88,7 +140,7 @@ def decode_unit(values: dict, position_bits: int) -> GeometryUnit:
 
 
 def _decode_draco(values, position_bits):
-    """(lattice, faces) of a geometry unit, and UVs where its field is over texels."""
+    """(lattice, faces) of a geometry unit, and UVs if its field is over texels."""
     if values["Support"] == SUPPORT_TEXELS:
         coding = UvCoding(values["uv_bits"], values["uv_range"] or 1)
         lattice, faces, uv = dec_textured(values["draco_data"], values["unit_vertices"], values["unit_faces"], coding,
@@ -98,7 +150,25 @@ def _decode_draco(values, position_bits):
 
 
 def decode_sharp_edges(values: dict, texf: Texf) -> np.ndarray:
-    """Marks of the edges that the geometry has at marked materials, bool [E]. Raises StreamError."""
+    """Decodes the marks of sharp edges (spec 8.4.2).
+
+    Parameters
+    ----------
+    values : dict
+        Syntax values of the sharp_edges unit.
+    texf : Texf
+        With its geometry units and materials.
+
+    Returns
+    -------
+    bool [E]
+        One mark for each edge of a face whose material has marks.
+
+    Raises
+    ------
+    StreamError
+        TXF-S30: the number of edges differs; TXF-S32: the checksum differs.
+    """
     from .codecs.sharp_edges import dec_marks
 
     marked = np.array([m.normals.has_marks for m in texf.materials], bool)
@@ -114,7 +184,25 @@ def decode_sharp_edges(values: dict, texf: Texf) -> np.ndarray:
 
 
 def decode_coded_normals(values: dict, texf: Texf) -> np.ndarray:
-    """Normals of the corner groups that have a coded one, int16 [G, 3]. texf: its marks are decoded. Raises StreamError."""
+    """Decodes the coded normals of corner groups (spec 8.4.4).
+
+    Parameters
+    ----------
+    values : dict
+        Syntax values of the coded_normals unit.
+    texf : Texf
+        With its geometry units, materials and sharp_edges.
+
+    Returns
+    -------
+    int16 [G, 3]
+        One normal for each corner group, of length about 2**14.
+
+    Raises
+    ------
+    StreamError
+        TXF-S30: the number of groups differs; TXF-S32: the checksum differs.
+    """
     from .codecs.coded_normals import dec_residuals
 
     groups: CornerGroups = texf.corner_groups()
@@ -129,7 +217,7 @@ def decode_coded_normals(values: dict, texf: Texf) -> np.ndarray:
 
 
 def _metadata(raw, report):
-    """The metadata unit is ancillary: one that is not JSON is passed over with a warning."""
+    """The metadata as a dict. The unit is ancillary: if it is not a JSON object, it is skipped with a warning."""
     value = {} if raw is None else json_object(raw)
     if value is None:
         report.warnings.append("the metadata unit is not a JSON object and is skipped")
@@ -137,7 +225,18 @@ def _metadata(raw, report):
 
 
 def json_object(raw: bytes) -> dict | None:
-    """The JSON object that bytes hold, None where they hold none."""
+    """Parses a JSON object.
+
+    Parameters
+    ----------
+    raw : bytes
+        Text of a JSON document.
+
+    Returns
+    -------
+    dict or None
+        None if the bytes are not a JSON object.
+    """
     try:
         value = json.loads(raw)
     except (ValueError, RecursionError):
@@ -146,7 +245,25 @@ def json_object(raw: bytes) -> dict | None:
 
 
 def check_samples(surfaces: list[DecodedSurface], stream: Stream, position_bits: int, limits: Limits) -> None:
-    """The time to derive supports grows with samples and rows: refuses their sum over all fields before the first is touched."""
+    """Refuses a stream whose supports would take too long to derive. The time grows with samples and rows of texels; their sum
+    over all fields is checked before the first is visited.
+
+    Parameters
+    ----------
+    surfaces : list of DecodedSurface
+        By field.
+    stream : Stream
+        Gives resolutions and image sizes.
+    position_bits : int
+        Bits of a lattice coordinate.
+    limits : Limits
+        Gives the limit of samples.
+
+    Raises
+    ------
+    LimitError
+        TXF-L05.
+    """
     total = _count_samples(surfaces, stream, position_bits)
     if limits.samples is not None and total > limits.samples:
         raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", clause="6.3", value=total,
@@ -165,19 +282,57 @@ def _count_samples(surfaces, stream, position_bits):
 
 
 def _count_rows(surface, field):
-    """Rows of texels of a field's faces, and its image as a whole: 16 texels are looked through in the time of a sample."""
+    """Rows of texels that a field's faces cover, plus a sixteenth of its image: 16 texels are scanned in the time of one
+    sample."""
     return count_rows(surface.uv, surface.mesh.faces, field["uv_fraction_bits"]) + (field["width"] * field["height"] >> 4)
 
 
 def surface_of_field(units: list, field: dict) -> DecodedSurface:
-    """What the support of a field is rebuilt from. field: its syntax values."""
+    """Joins the geometry units of a field to the surface that its support is rebuilt from.
+
+    Parameters
+    ----------
+    units : list of GeometryUnit
+        All units of the stream.
+    field : dict
+        Syntax values of the field unit.
+
+    Returns
+    -------
+    DecodedSurface
+        With UVs if the field is over texels.
+    """
     number = field["field_index"]
     return DecodedSurface(field_surface(units, number), field_uv(units, number) if field["support"] == SUPPORT_TEXELS else None)
 
 
 def decode_support(surface: DecodedSurface, values: dict, position_bits: int,
                    options: DecodeOptions) -> VoxelSupport | TexelSupport:
-    """The support of a field of its syntax values, rebuilt from its surface. Raises StreamError, LimitError."""
+    """Rebuilds the support of a field from its surface (spec clause 6).
+
+    Parameters
+    ----------
+    surface : DecodedSurface
+        As surface_of_field() returns it.
+    values : dict
+        Syntax values of the field unit.
+    position_bits : int
+        Bits of a lattice coordinate.
+    options : DecodeOptions
+        Threads and limits.
+
+    Returns
+    -------
+    VoxelSupport or TexelSupport
+        At full resolution.
+
+    Raises
+    ------
+    StreamError
+        TXF-S30: the cells differ from the coded ones in number or checksum.
+    LimitError
+        More cells than options.limits allows.
+    """
     decode = _decode_texels if values["support"] == SUPPORT_TEXELS else _decode_voxels
     support = decode(surface, values, position_bits, options)
     if len(support) != values["num_keys"] or keys_crc(support.keys) != values["keys_crc"]:
@@ -199,13 +354,13 @@ def _decode_texels(surface, values, position_bits, options):
 
 
 def _support_stage(fields, number, report):
-    """The stage in which a field's support is derived, a part of all of its kind."""
+    """The report's stage for deriving a field's support, numbered among the fields of the same kind."""
     same = [i for i, field in enumerate(fields) if field["support"] == fields[number]["support"]]
     return report.stage("texels" if fields[number]["support"] == SUPPORT_TEXELS else "voxelise", (same.index(number), len(same)))
 
 
 def _decode_planes(texf, stream, surfaces, options, report, known):
-    """Fills texf with fields of which every channel has a unit of its own."""
+    """Adds the fields to texf when each channel group has an attribute unit of its own."""
     for i, field in enumerate(stream.fields):
         with _support_stage(stream.fields, i, report):
             support = decode_support(surfaces[i], field, texf.position_bits, options)
@@ -221,8 +376,8 @@ def _decode_planes(texf, stream, surfaces, options, report, known):
 
 
 def _add_planes(field, group, values, support, options, plane=None):
-    """Adds to a Field what one attribute unit holds, without the levels that options.lod leaves out of the field. plane: its
-    values where they are known."""
+    """Adds the planes of one attribute unit to a Field, without the levels that options.lod omits. plane: the decoded values, if
+    they are known already."""
     shift, codec = values["level_shift"], plane_codec_of_unit(values)
     if plane is None:
         plane = _decode_plane(codec, values, support.coarser(shift), max(options.lod - shift, 0), options)
@@ -232,7 +387,19 @@ def _add_planes(field, group, values, support, options, plane=None):
 
 
 def add_planes(field: Field, group: Group, values: dict, plane: np.ndarray) -> None:
-    """Adds to a Field, whose support is that of its level of detail, the planes of one attribute unit. plane: uint8 [n, C]."""
+    """Adds the planes of one attribute unit to a field, in place.
+
+    Parameters
+    ----------
+    field : Field
+        Its support is that of its level of detail.
+    group : Group
+        Channel group of the unit.
+    values : dict
+        Syntax values of the unit.
+    plane : uint8 [n, C]
+        Decoded values on the support of the unit's own level.
+    """
     planes, step = group.split(plane), plane_codec_of_unit(values).step(values)
     field.planes |= planes
     if step is not None:
@@ -241,7 +408,7 @@ def add_planes(field: Field, group: Group, values: dict, plane: np.ndarray) -> N
 
 
 def _decode_plane(codec, values, support, levels, options):
-    """One attribute unit without its last levels: uint8 [n, C]. support: that its plane is on."""
+    """Decodes one attribute unit without its last `levels` levels: uint8 [n, C]. support: the support of its full plane."""
     plane = codec.dec(values, support, levels if codec.has_levels else 0, options.threads)
     if not (codec.has_levels and min(levels, support.depth)):
         check_values(zlib.crc32(plane), values, codec)
@@ -249,7 +416,7 @@ def _decode_plane(codec, values, support, levels, options):
 
 
 def _decode_jointly(texf, stream, surfaces, options, report):
-    """Fills texf with fields whose points ask evaluators, and voxels that hold what their centres answer."""
+    """Adds fields to texf whose points are answered by evaluators. Their voxels hold the answers at the voxel centres."""
     values, total = stream.joint, 0
     codec = texf.codec = joint_codec_of_unit(values)
     texf.evaluators = codec.dec(values, [s.mesh for s in surfaces], texf.position_bits, texf.groups, options, report)
@@ -265,7 +432,22 @@ def _decode_jointly(texf, stream, surfaces, options, report):
 
 
 def check_values(checksum: int, values: dict, codec: Codec) -> None:
-    """Raises StreamError where decoded values have another checksum than values_crc."""
+    """Compares the checksum of decoded values with values_crc.
+
+    Parameters
+    ----------
+    checksum : int
+        CRC-32 of the decoded values.
+    values : dict
+        Syntax values of the attribute unit.
+    codec : Codec
+        Names the clause in the error.
+
+    Raises
+    ------
+    StreamError
+        TXF-S32.
+    """
     if checksum != values["values_crc"]:
         raise StreamError("TXF-S32", "the checksum of the decoded values does not match", clause=codec.checksum_clause,
                           offset=values["offset"])

@@ -30,10 +30,19 @@ if TYPE_CHECKING:
 
 @dataclass(repr=False)
 class Field:
-    """Values on one support. support: where they are, voxels or texels; planes: uint8 [N, C] by channel name, colour sRGB-coded,
-    alpha straight, a map's values without its material's factor; shifts: by channel name, levels that a plane is coarser than
-    the support, 0 for base colour and alpha; steps: by channel name, the quantiser's step in levels, 0 for exact values, where
-    the stream says it."""
+    """Values on one support.
+
+    Attributes
+    ----------
+    support : VoxelSupport or TexelSupport
+        Cells that the values belong to.
+    planes : dict of uint8 [N, C]
+        By channel name. Colour is sRGB-coded, alpha is straight, and a map's values exclude the factor of its material.
+    shifts : dict of int
+        By channel name: number of levels by which a plane is coarser than the support; 0 for base colour and alpha.
+    steps : dict of float
+        By channel name, if the stream has it: the quantiser's step in levels of 255; 0 for exact values.
+    """
 
     support: VoxelSupport | TexelSupport
     planes: dict[str, np.ndarray]
@@ -43,7 +52,7 @@ class Field:
 
     @property
     def level_shift(self) -> int:
-        """Levels that were left out: a voxel or texel here is 2**level_shift of the full ones a side."""
+        """Number of omitted levels: a voxel or texel of this field is 2**level_shift full ones wide."""
         return self.support.level_shift
 
     @property
@@ -60,7 +69,18 @@ class Field:
         return f"<Field over {self.support!r}, {' + '.join(self.planes)}>"
 
     def support_of(self, name: str) -> VoxelSupport | TexelSupport:
-        """The support of a channel's plane."""
+        """The support of a channel's plane, which may be coarser than the field's.
+
+        Parameters
+        ----------
+        name : str
+            Name of a channel.
+
+        Returns
+        -------
+        VoxelSupport or TexelSupport
+            Parallel to planes[name].
+        """
         shift = self.shifts.get(name, 0)
         return self._coarser.setdefault(shift, self.support.coarser(shift)) if shift else self.support
 
@@ -70,19 +90,40 @@ class Field:
 
     @cached_property
     def rgba(self) -> np.ndarray:
-        """uint8 [N, 4]: the channels that a viewer shows; 255 where one is absent."""
+        """uint8 [N, 4]: base colour and alpha for viewers; 255 for an absent channel."""
         return join_planes(self.planes, len(self.support))
 
 
 @dataclass(kw_only=True, repr=False)
 class Texf:
-    """What decode() returns. cube: the canonical cube; units, fields, materials: see their classes (the base colour of materials
-    is in the fields); metadata: dict that travelled along; groups: the channel groups; skipped: unknown ancillary units that were
-    passed over; sharp_edges: bool over the edges that have a mark (spec 8.4.2), None without marks; coded_normals: int16 [G, 3]
-    of the corner groups that have a coded one (8.4.4), None without any; codec, evaluators: where
-    points ask evaluators and not the voxels, the codec that made them and one for each field (codecs.base).
+    """The decoded asset, as decode() returns it. Arrays over all units are concatenated at first access and cached;
+    dataclasses.replace() makes a Texf of other units.
 
-    Arrays over all units are joined at their first access and kept: replace() makes a Texf of other units."""
+    Attributes
+    ----------
+    cube : CanonicalCube
+        Maps lattice coordinates to world space.
+    units : list of GeometryUnit
+        One for each field and material.
+    fields : list of Field
+        Values, base colour included.
+    materials : list of Material
+        All else about the appearance of faces.
+    metadata : dict
+        Free-form JSON from the stream.
+    groups : tuple of Group
+        The coded channel groups.
+    threads : int
+        Threads for queries.
+    codec, evaluators : JointCodec and list of Evaluator, optional
+        Answer queries in place of the voxels, one evaluator for each field; None if each channel group has its own unit.
+    skipped : list of dict
+        Unknown ancillary units.
+    sharp_edges : bool [E], optional
+        Marks of edges (spec 8.4.2); None without marks.
+    coded_normals : int16 [G, 3], optional
+        Normals of the corner groups that have a coded one (spec 8.4.4).
+    """
 
     cube: CanonicalCube
     units: list
@@ -99,7 +140,7 @@ class Texf:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Those that were coded."""
+        """The coded channels."""
         return tuple(channel for group in self.groups for channel in group.channels)
 
     @property
@@ -121,12 +162,12 @@ class Texf:
 
     @property
     def resolution(self) -> int:
-        """Largest grid resolution over the fields over voxels; 1 where there is none."""
+        """Largest grid resolution of the fields over voxels; 1 if there is none."""
         return max((f.support.size for f in self.fields if isinstance(f.support, VoxelSupport)), default=1)
 
     @cached_property
     def lattice_positions(self) -> np.ndarray:
-        """int64 [V, 3], all units one after the other."""
+        """int64 [V, 3], concatenated in unit order."""
         return np.concatenate([np.zeros((0, 3), np.int64), *(u.lattice for u in self.units)])
 
     @cached_property
@@ -143,7 +184,7 @@ class Texf:
 
     @cached_property
     def uv(self) -> np.ndarray:
-        """float64 [V, 2], parallel to positions: UVs in texels of the full image of the field; 0 where it is over voxels."""
+        """float64 [V, 2], parallel to positions: UVs in texels of the field's full image; 0 if the field is over voxels."""
         parts = [np.zeros((len(u.lattice), 2)) if u.uv is None else u.uv / float(1 << self.fields[u.field].support.fraction_bits)
                  for u in self.units]
         return np.concatenate([np.zeros((0, 2)), *parts])
@@ -167,7 +208,7 @@ class Texf:
         return corner_normals(self.lattice_positions, self.faces, rules, self.face_material, self.sharp_edges, coded)
 
     def corner_groups(self) -> CornerGroups:
-        """Corners that share a coded normal (spec clause 8.4.3); sharp_edges are known."""
+        """Groups of corners that share a coded normal (spec clause 8.4.3). It reads sharp_edges."""
         from .geometry.corner_groups import corner_groups
 
         sharp = np.zeros(0, bool) if self.sharp_edges is None else self.sharp_edges
@@ -210,8 +251,22 @@ class Texf:
         return self.query_by_field(points, which, face_index)
 
     def query_by_field(self, points: np.ndarray, which: np.ndarray, face_index: np.ndarray | None = None) -> np.ndarray:
-        """As query(), each point asking the field whose number stands in which, int64 [M]. face_index: as there, needed for
-        points that ask a field over texels; such points are taken to where their face is nearest."""
+        """Colour at surface points, each from a given field.
+
+        Parameters
+        ----------
+        points : float64 [M, 3]
+            In world space.
+        which : int64 [M]
+            Number of the field that answers for each point.
+        face_index : int64 [M], optional
+            Face of each point. Fields over texels need it: a point is projected to the nearest position on its face.
+
+        Returns
+        -------
+        float32 [M, 4]
+            As query().
+        """
         out = np.zeros((len(points), COLUMNS), np.float32)
         for i, part in enumerate(self.fields):
             chosen = np.flatnonzero(which == i) if len(self.fields) > 1 else ...
@@ -225,13 +280,26 @@ class Texf:
         return out
 
     def _texels(self, points, face_index):
-        """UVs in texels, float64 [M, 2], of world points on faces; found on the lattice, whose numbers are of one size. Where
-        side is 0, every point is at the lattice's 0 (8.2.2)."""
+        """UVs in texels, float64 [M, 2], of world points on faces. The projection runs in lattice units, which have the same
+        magnitude for every asset. If side is 0, every point is at lattice position 0 (8.2.2)."""
         lattice = (points - self.origin) / self.side * self.cube.last if self.side else np.zeros(points.shape)
         return texel_positions(lattice, self.lattice_positions.astype(np.float64), self.faces, self.uv, face_index)
 
     def query_field(self, number: int, points: np.ndarray) -> np.ndarray:
-        """What field `number`, one over voxels, answers at world points float64 [M, 3]: float32 [M, 4]."""
+        """Colour of a field over voxels at world points.
+
+        Parameters
+        ----------
+        number : int
+            Index into fields.
+        points : float64 [M, 3]
+            In world space.
+
+        Returns
+        -------
+        float32 [M, 4]
+            As query().
+        """
         if self.evaluators:
             answers = split_groups(self.evaluators[number].query(self.cube, points, self.threads), self.groups)
             out = np.full((len(points), COLUMNS), FULL, np.float32)
@@ -244,8 +312,24 @@ class Texf:
         return part.support.query(self.cube, points, part.rgba, self.threads)
 
     def query_planes(self, number: int, names: Sequence[str], points: np.ndarray, face_index: np.ndarray) -> dict:
-        """What field `number` answers for channels that it has, by their names in channels.CHANNELS: float32 [M, C] in 0..255 by
-        name, values of maps without factors. points: float64 [M, 3], world; face_index: int64 [M], the face that each is on."""
+        """Values of some channels of a field at surface points.
+
+        Parameters
+        ----------
+        number : int
+            Index into fields.
+        names : sequence of str
+            Channels that the field has, by their names in scene.channels.
+        points : float64 [M, 3]
+            In world space.
+        face_index : int64 [M]
+            Face that each point lies on.
+
+        Returns
+        -------
+        dict of float32 [M, C]
+            By name, in 0..255; values of maps exclude the factors of materials.
+        """
         part = self.fields[number]
         if self.evaluators:
             answers = split_groups(self.evaluators[number].query(self.cube, points, self.threads), self.groups)
@@ -259,7 +343,23 @@ class Texf:
         return support.query(self.cube, points, values, self.threads)
 
     def nearest_face(self, points: np.ndarray) -> np.ndarray:
-        """Index of the face nearest to each world point, int64 [M]."""
+        """Index of the face nearest to each point.
+
+        Parameters
+        ----------
+        points : float64 [M, 3]
+            In world space.
+
+        Returns
+        -------
+        int64 [M]
+            Index into faces.
+
+        Raises
+        ------
+        InputError
+            TXF-I70 for an empty asset.
+        """
         from .geometry.mesh import Mesh
         from .geometry.nearest_points import NearestPoints
 
@@ -268,8 +368,8 @@ class Texf:
         return NearestPoints(Mesh(self.positions, self.faces)).find(points, threads=self.threads).face
 
     def voxels(self) -> dict[str, np.ndarray]:
-        """All active voxels of fields over voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center":
-        float64 [N, 3] world}."""
+        """All active voxels of the fields over voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center":
+        float64 [N, 3] in world space}."""
         fields = [(i, f) for i, f in enumerate(self.fields) if not f.over_texels]
         xyz = [f.support.xyz() for f in self.fields if isinstance(f.support, VoxelSupport)]
         center = [self._centers(f, v) for (_, f), v in zip(fields, xyz, strict=True)]
@@ -286,14 +386,14 @@ class Texf:
         return self.cube.to_world(grid * ((1 << self.position_bits) / part.support.resolution))
 
     def bake(self, texture_size: int | None = None, atlas: str | Atlas = "auto") -> Baked:
-        """A texture atlas with the fields over voxels baked in.
+        """Bakes the fields over voxels into a texture atlas.
 
         Parameters
         ----------
         texture_size : int, optional
-            Side of the atlas in texels; None: by the field.
+            Side of the atlas in texels; None derives it from the field.
         atlas : "auto", "quality", "fast" or Atlas
-            How it is laid out; "quality" may take minutes.
+            Layout of the atlas; "quality" may take minutes.
 
         Returns
         -------
@@ -310,30 +410,30 @@ class Texf:
         return bake(self, texture_size, atlas)
 
     def save(self, path: str | PathLike[str] | BinaryIO, *, format: str | None = None, **options: Any) -> dict:
-        """Writes a mesh file that viewers open.
+        """Writes a mesh file for viewers.
 
         Parameters
         ----------
         path : str, PathLike or file object
-            Its suffix chooses the format: .glb, .gltf, .obj, .ply or .npz. A file object, open for writing bytes, takes the
-            formats that are one file: glb, ply, npz, and obj without textures.
+            The suffix selects the format: .glb, .gltf, .obj, .ply or .npz. A file object, open for writing bytes, takes the
+            single-file formats: glb, ply, npz, and obj without textures.
         format : str, optional
-            Of a file object, "glb" for example, where its name does not say; for a path it has to agree with the suffix.
+            Format of a file object without a suffix in its name, "glb" for example. For a path it must agree with the suffix.
         **options
             appearance ("texture", "vertex" or "voxels"), texture_size, atlas, texture_format, texture_quality, compress,
-            overwrite, inputs, and stream, the bytes of a stream that a GLB carries: see io.save.save().
+            overwrite, inputs, and stream, the bytes of a stream to embed in a GLB: see io.save.save().
 
         Returns
         -------
         dict
-            {"warnings": sentences, "dropped": names of what the format cannot hold, "remarks": sentences on what changes no
-            picture, "files": names written, "seams": jumps of colour across seams of the atlas, or None, "carried": bytes of the
-            stream and of all else, or None}.
+            {"warnings": sentences, "dropped": properties that the format cannot hold, "remarks": sentences on changes that no
+            picture shows, "files": written file names, "seams": jumps of colour across atlas seams, or None, "carried": bytes of
+            the stream and of all else, or None}.
 
         Raises
         ------
         InputError
-            TXF-O01 to TXF-O18: the path, the format or an option; nothing half-written remains.
+            TXF-O01 to TXF-O18: the path, the format or an option. No partial file remains.
         SupportError
             TXF-O15: the texture format or compression needs a package.
 
@@ -360,7 +460,7 @@ class Texf:
                 f"{' + '.join(c.name for c in self.channels)}>")
 
     def counted(self) -> str:
-        """Voxels and texels in words."""
+        """Counts of voxels and texels in words."""
         texels = sum(len(f.support) for f in self.fields if f.over_texels)
         voxels = sum(len(f.support) for f in self.fields) - texels
         parts = [plural(voxels, "voxel", "voxels") + f" at K {self.resolution}"] * (voxels > 0 or not texels)

@@ -1,8 +1,9 @@
-"""What a codec is: one way to code values on the keys of a support (spec clause 5.7).
+"""The interface of a codec: it codes values on the keys of a support (spec clause 5.7).
 
-A codec is a folder here, or a class of another package that a plug-in registers (codecs/__init__.py). All that knows it stands in
-there: syntax, both directions, what texf-info and texf-enc say of it. Modules that define one load no numba; what does is
-imported when it is used."""
+A codec is a folder of this package, or a class of another package that a plug-in registers (codecs/__init__.py). The codec holds
+all that is specific to it: syntax, both directions, its lines in texf-info and texf-enc. Modules that define a codec load no
+numba; they import kernels at first use.
+"""
 
 from __future__ import annotations
 
@@ -32,23 +33,50 @@ PRIVATE_IDS = range(192, 256)  # for codecs of strangers; their units name them 
 
 
 class Group(NamedTuple):
-    """Channels that are coded together. channels: of channels.CHANNELS; grey: whether one component stands for all of them."""
+    """Channels that are coded together.
+
+    Attributes
+    ----------
+    channels : tuple of Channel
+        Of scene.channels.CHANNELS.
+    grey : bool
+        Whether one component stands for all of them.
+    """
 
     channels: tuple[Channel, ...]
     grey: bool = False
 
     @property
     def components(self) -> int:
-        """Values of a cell."""
+        """Number of components of the group."""
         return 1 if self.grey else sum(channel.components for channel in self.channels)
 
     def join(self, planes: dict) -> np.ndarray:
-        """Values [N, components] of planes [N, C] by channel name."""
+        """Concatenates planes to the values of the group.
+
+        Parameters
+        ----------
+        planes : dict of array [N, C], by channel name
+
+        Returns
+        -------
+        array [N, components]
+            Contiguous; the first component alone if the group is grey.
+        """
         joined = np.concatenate([planes[channel.name] for channel in self.channels], axis=1)
         return np.ascontiguousarray(joined[:, : self.components])
 
     def split(self, values: np.ndarray) -> dict:
-        """Mirror of join(): planes by channel name."""
+        """Mirror of join().
+
+        Parameters
+        ----------
+        values : array [N, components]
+
+        Returns
+        -------
+        dict of array [N, C], planes by channel name
+        """
         if self.grey:
             return {self.channels[0].name: np.repeat(values, self.channels[0].components, axis=1)}
         ends = np.cumsum([channel.components for channel in self.channels]).tolist()
@@ -57,11 +85,26 @@ class Group(NamedTuple):
 
 
 class Source(NamedTuple):
-    """What a joint codec fits. scene: Scene; surface: geometry.surface.Surface; face_field: int64 [F] over its faces; surfaces:
-    decoded, by field; groups: what is coded; maps: what the maps of materials say, a
-    function of (name of a channel, faces int64 [M] that have it, weights of their corners float64 [M, 3], threads) that returns
-    float32 [M, C] in 0..255; None where no material has a map; on_pictures: what brings a fit closer to rendered pictures, which
-    this room cannot draw (encoder.values.picture_refinement.refine_by_pictures), for codecs that fit."""
+    """Input of a joint codec.
+
+    Attributes
+    ----------
+    scene : Scene
+        The source asset.
+    surface : Surface
+        The source on its lattice.
+    face_field : int64 [F]
+        Field of each face of surface.
+    surfaces : list of LatticeMesh, decoded, by field
+    groups : tuple of Group
+        The channels to code.
+    maps : callable, optional
+        (channel name, faces int64 [M] that have the map, weights of their corners float64 [M, 3], threads) -> float32 [M, C] in
+        0..255, the values of the materials' maps. None if no material has a map.
+    on_pictures : callable, optional
+        Improves a fit by comparing rendered pictures (encoder.values.picture_refinement.refine_by_pictures); this room cannot
+        render.
+    """
 
     scene: Scene
     surface: Surface
@@ -73,174 +116,459 @@ class Source(NamedTuple):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """The channels of all groups."""
+        """The channels of all groups, in order."""
         return tuple(channel for group in self.groups for channel in group.channels)
 
     def mapped(self, channel: Channel) -> np.ndarray:
-        """The surface's faces whose material has a map of a channel, bool [F]."""
+        """Selects the faces whose material has a map of a channel.
+
+        Parameters
+        ----------
+        channel : Channel
+
+        Returns
+        -------
+        bool [F], over the faces of surface
+        """
         return np.array([channel.material_name in m.maps for m in self.scene.materials], bool)[self.surface.material]
 
 
 def split_groups(values: np.ndarray, groups: Sequence[Group]) -> dict:
-    """Planes by channel name of values [N, components of all groups], the groups' components one after the other."""
+    """Splits the values of several groups into planes.
+
+    Parameters
+    ----------
+    values : array [N, C]
+        Components of all groups, one group after the other.
+    groups : sequence of Group, in that order
+
+    Returns
+    -------
+    dict of array [N, c], planes by channel name
+    """
     ends = np.cumsum([group.components for group in groups]).tolist()
     parts = [group.split(values[:, end - group.components : end]) for group, end in zip(groups, ends, strict=True)]
     return {name: plane for planes in parts for name, plane in planes.items()}
 
 
 class Reading(NamedTuple):
-    """What decoding a unit has shown beside its values. unread: bytes of codewords that no symbol needed (7.6.2); wrong_levels:
-    counts of bytes by level (5.7.2) that are not those that were read."""
+    """Findings of a watched decode of one unit, beside its values."""
 
-    unread: int = 0
-    wrong_levels: int = 0
+    unread: int = 0  # bytes of codewords that no symbol needed (spec 7.6.2)
+    wrong_levels: int = 0  # counts of bytes by level (spec 5.7.2) that differ from the bytes that were read
 
 
 class Evaluator(Protocol):
-    """What answers for one field of a joint codec: components of all groups, one after the other."""
+    """Evaluates one field of a joint codec. Its results hold the components of all groups, one group after the other."""
 
     def values(self, support: VoxelSupport, threads: int) -> np.ndarray:
-        """Of the support's voxels: uint8 [N, components]."""
+        """Evaluates the field at the voxels of a support.
+
+        Parameters
+        ----------
+        support : VoxelSupport
+        threads : int
+
+        Returns
+        -------
+        uint8 [N, components]
+        """
 
     def query(self, cube: CanonicalCube, points: np.ndarray, threads: int) -> np.ndarray:
-        """At world points, float64 [M, 3]: float32 [M, components] on 0..255."""
+        """Evaluates the field at points.
+
+        Parameters
+        ----------
+        cube : CanonicalCube
+        points : float64 [M, 3] in world space
+        threads : int
+
+        Returns
+        -------
+        float32 [M, components] in 0..255
+        """
 
 
 class Joint(NamedTuple):
-    """What a joint codec made. values: of its syntax elements; evaluators: an Evaluator per field; choices: what the report
-    says of it."""
+    """Result of JointCodec.enc()."""
 
-    values: dict
-    evaluators: list
-    choices: dict
+    values: dict  # syntax values of the unit
+    evaluators: list  # of Evaluator, by field
+    choices: dict  # JSON-ready entries for the report
 
 
 class Codec(ABC):
-    """id: codec_id in the stream; name: what --codec takes; purpose: half a sentence for the help; structures: syntax tables, its
-    parameters first; options: names of those EncodeOptions that no other codec but those that list them reads; position_bits:
-    usual bits of a vertex coordinate; small: EncodeOptions of a run that compiles its kernels;
-    kernels: files of the package with kernels that every run enters."""
+    """A way to code values on the keys of a support. In all methods, `values` are the syntax values of an attribute unit (spec
+    5.7)."""
 
-    id: int
-    name: str
-    purpose: str = ""
-    structures: tuple[Structure, ...] = ()
-    options: frozenset[str] = frozenset()
-    position_bits: int = 14
-    joint: bool = False
-    chosen: bool = True  # by a user; False where only the encoder takes it
-    checksum_clause: str = "7.10"
-    small: tuple[dict, ...] = ()
-    kernels: tuple[str, ...] = ()
+    id: int  # codec_id in the stream
+    name: str  # value of --codec
+    purpose: str = ""  # half a sentence for the help
+    structures: tuple[Structure, ...] = ()  # syntax tables, the codec's parameters first
+    options: frozenset[str] = frozenset()  # names of the EncodeOptions that only this codec, and others that list them, read
+    position_bits: int = 14  # default bits of a vertex coordinate
+    joint: bool = False  # whether one unit holds all fields and channel groups
+    chosen: bool = True  # whether users may choose the codec; False if only the encoder selects it
+    checksum_clause: str = "7.10"  # of the specification, about the checksum of decoded values
+    small: tuple[dict, ...] = ()  # EncodeOptions of short runs that compile the codec's kernels
+    kernels: tuple[str, ...] = ()  # files of the package with kernels that every run enters
 
     @property
     def parameters(self) -> Structure:
-        """Table of what follows the attribute unit's own elements."""
+        """Syntax table of the codec's parameters, which follow the attribute unit's own elements."""
         return self.structures[0]
 
     def write_parameters(self, values: dict) -> bytes:
-        """Its part of an attribute unit, of the unit's values."""
+        """Writes the codec's part of an attribute unit.
+
+        Parameters
+        ----------
+        values : dict
+
+        Returns
+        -------
+        bytes
+        """
         return write_structure(self.parameters, values)
 
     def read_parameters(self, reader: Reader, values: dict, trace: list | None = None) -> None:
-        """Mirror of write_parameters(): adds to values. trace: as read_structure(). Raises StreamError."""
+        """Mirror of write_parameters().
+
+        Parameters
+        ----------
+        reader : Reader, at the codec's parameters
+        values : dict
+            Syntax values read so far; extended in place.
+        trace : list, optional, as in read_structure()
+
+        Raises
+        ------
+        StreamError
+            The parameters are invalid.
+        """
         read_structure(self.parameters, reader, values, trace)
 
     def settings(self, options: EncodeOptions) -> Settings:
-        """What enc() takes of EncodeOptions: a frozen dataclass of the codec's own, with "qp", "max_error" and "chroma_qp_offset"
-        where it codes planes; all of them where it has none."""
+        """Extracts the settings of enc() from the options.
+
+        Parameters
+        ----------
+        options : EncodeOptions
+
+        Returns
+        -------
+        Settings
+            A frozen dataclass of the codec's own. A plane codec's has "qp", "max_error" and "chroma_qp_offset". The default
+            returns options unchanged.
+        """
         return options
 
     def check_options(self, options: EncodeOptions) -> None:
-        """Refuses EncodeOptions that do not go together. Raises InputError."""
+        """Refuses options that contradict each other.
+
+        Parameters
+        ----------
+        options : EncodeOptions
+
+        Raises
+        ------
+        InputError
+            Names the options.
+        """
         return None
 
     def check(self, values: dict) -> None:
-        """Relations between syntax values that a range cannot say. Raises StreamError."""
+        """Checks relations between syntax values that ranges cannot express.
+
+        Parameters
+        ----------
+        values : dict
+
+        Raises
+        ------
+        StreamError
+            A relation is broken.
+        """
         return None
 
     def describe(self, values: dict) -> dict:
-        """What inspect() says of an attribute unit beside what every unit has: JSON-ready."""
+        """Describes an attribute unit for inspect().
+
+        Parameters
+        ----------
+        values : dict
+
+        Returns
+        -------
+        dict, JSON-ready entries beside those of every unit
+        """
         return {}
 
     def profile(self, values: dict) -> str:
-        """Which of PROFILES an attribute unit is of."""
+        """Profile that an attribute unit requires.
+
+        Parameters
+        ----------
+        values : dict
+
+        Returns
+        -------
+        str, one of PROFILES
+        """
         return PROFILES[0]
 
     def count_latents(self, values: dict) -> int:
-        """Latents of an attribute unit (spec 10.1)."""
+        """Number of latents in an attribute unit (spec 10.1).
+
+        Parameters
+        ----------
+        values : dict
+
+        Returns
+        -------
+        int, 0 without latents
+        """
         return 0
 
     def info_lines(self, group: dict) -> Iterator[str]:
-        """Lines of texf-info on an entry of inspect()'s groups."""
+        """Formats an attribute unit for texf-info.
+
+        Parameters
+        ----------
+        group : dict, an entry of inspect()'s groups
+
+        Yields
+        ------
+        str
+        """
         place = f"field {group['field_index']}, group {group['group_index']} ({group['semantic']})"
         yield f"{place}: {group['bytes']} bytes, {self.name}"
 
     def suits(self, plane: np.ndarray) -> bool:
-        """Whether the encoder should take this codec for the plane whatever was asked for. plane: float32 [N, C], 0..255."""
+        """Whether the encoder should use this codec for a plane, whichever codec was requested.
+
+        Parameters
+        ----------
+        plane : float32 [N, C] in 0..255
+
+        Returns
+        -------
+        bool, False by default
+        """
         return False
 
     def run_kernels(self, encoding: bool = True) -> None:
-        """Runs the compiled functions that usual units need on a few values, so that they are in the cache: a decoder's, the
-        longest to compile first, and with `encoding` an encoder's."""
+        """Runs the codec's usual kernels on a few values, so that their compiled code is in the cache.
+
+        Parameters
+        ----------
+        encoding : bool
+            Whether to run an encoder's kernels too. A decoder's come first, the longest to compile at the head.
+        """
         return None
 
     def seconds(self, options: EncodeOptions) -> float:
-        """A guess of what encoding takes beside what it takes with any codec."""
+        """Estimates the time that encoding takes because of this codec.
+
+        Parameters
+        ----------
+        options : EncodeOptions
+
+        Returns
+        -------
+        float
+            Seconds beyond those of any codec.
+        """
         return 0.0
 
 
 class PlaneCodec(Codec):
-    """Codes one channel group of one field at a time."""
+    """A codec of one channel group of one field at a time."""
 
     has_levels = True  # whether dec() can leave out levels by itself; else a decoder takes means of what it gives
 
     @abstractmethod
     def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: Settings) -> tuple[dict, np.ndarray]:
-        """Codes values. plane: float32 [N, C] in 0..255 on the support's keys; support: VoxelSupport; options: of settings().
-        Returns (values of its syntax elements, what dec() makes of them: uint8 [N, C]). Threads call it for several planes at
-        the same time, as they call dec()."""
+        """Codes a plane. Threads call enc() and dec() concurrently for several planes.
+
+        Parameters
+        ----------
+        plane : float32 [N, C]
+            In 0..255 on the support's keys.
+        support : VoxelSupport or TexelSupport
+            Cells of the plane.
+        options : Settings
+
+        Returns
+        -------
+        values : dict
+            Syntax values of the codec's parameters.
+        decoded : uint8 [N, C], as dec() returns it
+        """
 
     @abstractmethod
     def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
-        """Mirror of enc(). values: of its syntax elements, with NumComponents and the file offset; levels: octree levels to leave
-        out. Returns uint8 [n, C] on support.coarser(levels). Raises StreamError."""
+        """Mirror of enc().
+
+        Parameters
+        ----------
+        values : dict
+            Syntax values of the unit, with NumComponents and the file offset.
+        support : VoxelSupport or TexelSupport
+            Cells of the full plane.
+        levels : int, octree levels to omit
+        threads : int
+
+        Returns
+        -------
+        uint8 [n, C]
+            On support.coarser(levels).
+
+        Raises
+        ------
+        StreamError
+            The parameters are invalid.
+        """
 
     def step(self, values: dict) -> float | None:
-        """Levels of 255 that the decoded values were quantised to, 0 where they are exact; None where the unit does not say."""
+        """Quantiser step of the decoded values.
+
+        Parameters
+        ----------
+        values : dict
+
+        Returns
+        -------
+        float or None
+            In levels of 255; 0 for exact values, None if the unit does not contain it.
+        """
         return None
 
     def dec_watched(self, values: dict, support: VoxelSupport, threads: int) -> tuple[np.ndarray, Reading]:
-        """dec() of all levels, and what has been seen of the unit on the way, for whoever validates it."""
+        """Decodes all levels and reports how the unit was read, for validation.
+
+        Parameters
+        ----------
+        values, support, threads
+            As in dec().
+
+        Returns
+        -------
+        decoded : uint8 [N, C]
+        reading : Reading
+
+        Raises
+        ------
+        StreamError
+            As dec().
+        """
         return self.dec(values, support, 0, threads), Reading()
 
 
 class JointCodec(Codec):
-    """Codes all fields and channel groups in one unit; a surface point then asks an Evaluator instead of the voxels."""
+    """A codec of all fields and channel groups in one unit. A surface point queries an Evaluator instead of the voxels."""
 
     joint = True
 
     @abstractmethod
     def enc(self, source: Source, options: Settings, report: Report) -> Joint:
-        """Codes a source. options: of settings(); report: Report."""
+        """Codes a source.
+
+        Parameters
+        ----------
+        source : Source
+        options : Settings
+        report : Report
+            Receives seconds by stage, progress and warnings.
+
+        Returns
+        -------
+        Joint
+        """
 
     def count_samples(self, values: dict, surfaces: list[LatticeMesh], position_bits: int) -> int:
-        """Surface samples that dec() takes beside those of the fields (6.3), known before any is taken."""
+        """Number of surface samples that dec() takes beside those of the fields (spec 6.3), computed before any is taken.
+
+        Parameters
+        ----------
+        values : dict
+        surfaces : list of LatticeMesh, by field
+        position_bits : int
+
+        Returns
+        -------
+        int, 0 by default
+        """
         return 0
 
     @abstractmethod
     def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
             options: DecodeOptions, report: Report) -> list[Evaluator]:
-        """Evaluators by field. surfaces: decoded, by field. Raises StreamError, LimitError."""
+        """Decodes the unit.
+
+        Parameters
+        ----------
+        values : dict
+        surfaces : list of LatticeMesh, by field
+        position_bits : int
+        groups : tuple of Group
+        options : DecodeOptions
+        report : Report
+
+        Returns
+        -------
+        list of Evaluator, by field
+
+        Raises
+        ------
+        StreamError, LimitError
+            The parameters are invalid, or exceed options.limits.
+        """
 
     @abstractmethod
     def pack(self, evaluators: list) -> tuple[dict, dict]:
-        """(JSON-ready facts, arrays) that the codec's own evaluators can be made of again in another process."""
+        """Packs evaluators for another process.
+
+        Parameters
+        ----------
+        evaluators : list of Evaluator, by field
+
+        Returns
+        -------
+        facts : dict, JSON-ready
+        arrays : dict of array, by name
+        """
 
     @abstractmethod
     def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list[Evaluator]:
-        """Mirror of pack(); nothing in its arguments is trusted. Raises TexfError, ValueError, KeyError, TypeError."""
+        """Mirror of pack(). It trusts none of its arguments.
+
+        Parameters
+        ----------
+        facts, arrays
+            As pack() returns them.
+        groups : tuple of Group
+        fields : int
+
+        Returns
+        -------
+        list of Evaluator, by field
+
+        Raises
+        ------
+        TexfError, ValueError, KeyError, TypeError
+            The arguments are invalid.
+        """
 
     @abstractmethod
     def result_lines(self, facts: dict) -> Iterator[str]:
-        """Lines of texf-enc on what was made. facts: what --json prints."""
+        """Formats the choices of an encode for texf-enc.
+
+        Parameters
+        ----------
+        facts : dict, the document of --json
+
+        Yields
+        ------
+        str
+        """

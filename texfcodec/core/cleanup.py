@@ -1,8 +1,7 @@
-"""What a process must not leave behind when it ends at once: temporary files and folders, and child processes.
+"""Removes temporary files and folders and ends child processes when the process is interrupted.
 
-Files are made and renamed by holders of GATE only. Whoever ends the process (cli/interrupts.py, in a thread of its own) takes
-GATE and keeps it, so that nothing new appears while remove_all() runs. What takes long to import is not imported here: the module
-is there before the first Ctrl-C can be.
+Files are created and renamed only under GATE. The thread that ends the process (cli/interrupts.py) takes GATE and keeps it, so
+that nothing new appears while remove_all() runs. Slow imports are deferred: this module must be ready before the first Ctrl-C.
 """
 
 from __future__ import annotations
@@ -26,49 +25,50 @@ _children: set = set()
 
 
 class _Stage:
-    """last: the next rename is the last step of the command; done: its outcome stands, and an interrupt comes too late; ending:
-    an interrupt is being answered, and the process is about to end."""
+    """State of the command. last: the next rename is the command's last step; done: the outcome is in place, and an interrupt has
+    no effect; ending: an interrupt is being handled, and the process is about to end."""
 
     last = done = ending = False
 
 
 def begin() -> None:
-    """A command begins: nothing is written yet."""
+    """Marks the start of a command: nothing is written yet."""
     with GATE:
         _Stage.last = _Stage.done = _Stage.ending = False
 
 
 def last_step() -> None:
-    """What is renamed next is the outcome of the command: once it stands, the command has done its work."""
+    """Marks the next rename as the last step: once it has succeeded, the command is done."""
     _Stage.last = True
 
 
 def finish() -> None:
-    """From here on an interrupt comes too late. Blocks for good where one is being answered."""
+    """Marks the command as done: from here on an interrupt has no effect. Blocks forever if an interrupt is being handled."""
     with GATE:
         _Stage.done = True
 
 
 def is_finished() -> bool:
-    """Whether the outcome of the command stands."""
+    """Whether the outcome of the command is in place."""
     return _Stage.done
 
 
 def is_ending() -> bool:
-    """Whether an interrupt has ended the children of this process: how they ended is no outcome of theirs."""
+    """Whether an interrupt has ended the children of this process. Their exit codes are then meaningless."""
     return _Stage.ending
 
 
 def new_file(path: PathLike) -> BinaryIO:
-    """Opens a temporary file, which must not be there yet, for binary writing. Path: given to rename_all() or remove() later."""
+    """Opens a new temporary file for binary writing; it must not exist. path: the caller passes it to rename_all() or remove()
+    later."""
     with GATE:
         _paths.add(path)
         return open(path, "xb")
 
 
 def rename_all(names: Iterable[tuple[PathLike, PathLike]]) -> None:
-    """Renames temporary files in order. names: [(temporary, final)]. Where one cannot be renamed, those before it that are new go
-    again: a part of the files is nobody's wish."""
+    """Renames temporary files in order. names: [(temporary, final)]. If a rename fails, the new files of the renames before it
+    are removed again, so that no incomplete set remains."""
     with GATE:
         new = []
         try:
@@ -92,7 +92,7 @@ def remove(path: PathLike) -> None:
 
 
 class Folder:
-    """Context manager: a new temporary folder for this user only, as tempfile.TemporaryDirectory; gives its path as text."""
+    """Context manager: a new temporary folder for this user only, as tempfile.TemporaryDirectory. Yields its path as text."""
 
     def __init__(self, prefix: str) -> None:
         self.prefix = prefix
@@ -111,17 +111,18 @@ class Folder:
 
 
 def hold_folder(path: PathLike | str) -> None:
-    """A folder that goes with this process, with all that is in it, unless it is dropped before."""
+    """Registers a folder for removal, with its content, when the process is interrupted."""
     _folders.add(path)
 
 
 def drop_folder(path: PathLike | str) -> None:
-    """The folder is gone, or stays."""
+    """Unregisters a folder, which is removed already or is to stay."""
     _folders.discard(path)
 
 
 def hold(start: Callable[[], Child]) -> Child:
-    """The child process that start() begins, which has kill() and pid; it ends with this process, unless it is dropped."""
+    """Starts a child process and registers it, so that it ends with this process. start: returns the child, which has kill() and
+    pid."""
     with GATE:
         child = start()
         _children.add(child)
@@ -129,7 +130,7 @@ def hold(start: Callable[[], Child]) -> Child:
 
 
 def drop(child: object) -> None:
-    """The child has ended."""
+    """Unregisters a child process that has ended."""
     _children.discard(child)
 
 
@@ -158,7 +159,8 @@ def run_child(command: list[str], data: bytes, timeout: float | None, environmen
 
 
 def remove_all() -> None:
-    """Ends the children and removes the temporaries; the caller holds GATE and ends the process next."""
+    """Ends the registered children and removes the temporary files and folders. The caller holds GATE and ends the process
+    next."""
     _Stage.ending = True  # before the first child ends, whose exit code others may be waiting for
     for child in list(_children):
         try:
@@ -180,7 +182,7 @@ def _unlink(path):
 
 
 def _empty(folder):
-    """Removes a folder with all that is in it."""
+    """Removes a folder with its content."""
     try:
         for place, folders, names in os.walk(folder, topdown=False):
             for name in names:

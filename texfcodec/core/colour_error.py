@@ -1,7 +1,7 @@
-"""Colour error at corresponding samples (3D-PSNR) and the surface points to take it at.
+"""Colour error between corresponding samples (3D-PSNR), and its PSNR.
 
-Colours are sRGB-coded RGB in 0..255, as floats; nothing is rounded or clipped. YUV is BT.709, full range. PSNR has peak 255;
-it is float("inf") where the error is exactly zero; json_text.json_ready() makes that None, which in_decibels() says as "exact".
+Colours are sRGB-coded RGB in 0..255, as floats; nothing is rounded or clipped. YUV is BT.709, full range. PSNR has peak 255 and
+is float("inf") for an error of exactly zero. json_text.json_ready() turns that into None, and in_decibels() prints it as "exact".
 """
 
 import math
@@ -24,10 +24,9 @@ RGB_TO_YUV = np.array(
 
 
 class ColourError:
-    """Running colour error over any number of samples, in the memory of one block.
+    """Accumulates the colour error over any number of samples in the memory of one block.
 
-    add() as often as needed, then result(). The sums do not depend on how the samples were cut into calls, except in the last
-    bits of the float64 sums.
+    Call add() repeatedly, then result(). The split of the samples into calls changes only the last bits of the float64 sums.
     """
 
     def __init__(self) -> None:
@@ -36,7 +35,7 @@ class ColourError:
         self._squares = np.zeros(6)  # y, u, v, r, g, b
 
     def add(self, ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None = None) -> None:
-        """Take in ref, got: [N, 3] RGB in 0..255 (any real dtype); weights: [N] non-negative, or None for 1 each.
+        """Adds samples. ref, got: [N, 3] RGB in 0..255 (any real dtype); weights: [N] non-negative, or None for 1 each.
 
         Raises ValueError for shapes that do not agree and for values that are not finite.
         """
@@ -62,7 +61,7 @@ class ColourError:
 
     @property
     def weight(self) -> float:
-        """Sum of the weights of all samples; 0 where there is nothing to compare."""
+        """Sum of the weights of all samples; 0 if there are none."""
         return self._weight
 
     def mse(self) -> dict[str, float]:
@@ -104,7 +103,7 @@ def decibels(mse: float, peak: float = PEAK) -> float:
 
 
 def in_decibels(value: float | None, digits: int = 2) -> str:
-    """A PSNR of json_text.json_ready() for people: "34.20 dB", or EXACT for None."""
+    """Formats a PSNR from json_text.json_ready(): "34.20 dB", or EXACT for None."""
     return EXACT if value is None else f"{value:.{digits}f} dB"
 
 

@@ -8,7 +8,7 @@ from .kernel import kernel
 def components(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Component of every node, int64 [count], numbered in the order of their first nodes.
 
-    a, b: ints [N] in 0..count - 1, the two ends of the edges, in any order and direction; an edge may be there twice.
+    a, b: ints [N] in 0..count - 1, the two ends of the edges, in any order and direction; an edge may occur twice.
     """
     label = np.arange(count)
     _join(np.ascontiguousarray(a, np.int64), np.ascontiguousarray(b, np.int64), label)
@@ -17,8 +17,9 @@ def components(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @kernel
 def _join(a, b, label):
-    """label: int64 [N], the node's own number; becomes its component. Until the last loop it names a node of the same component
-    that is not after it, so that roots are first nodes. Every index is an end of an edge, below N, or was read from label."""
+    """Replaces label int64 [N], initially each node's own number, by its component. Until the last loop a label is a node of the
+    same component that is not after this one, so roots are first nodes. Every index is an end of an edge, below N, or was read
+    from label."""
     for i in range(a.shape[0]):
         x, y = a[i], b[i]
         while label[x] != x:

@@ -1,11 +1,11 @@
-"""Different values and where they are, quicker than numpy.unique where neighbours in an array are alike, as in meshes."""
+"""Distinct values and their positions. It is faster than numpy.unique if neighbours in an array are alike, as in meshes."""
 
 import numpy as np
 
 
 def distinct(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Different keys of int64 [...], ascending, int64 [K]; the number among them of every key, int64 [...]; how often each comes,
-    int64 [K]. A stable sort is used, which takes ascending runs as they are: numpy's takes six times as long for a mesh."""
+    """Returns (distinct keys, ascending, int64 [K]; index of every key among them, int64 of the keys' shape; their counts, int64
+    [K]). keys: int64 [...]. A stable sort exploits ascending runs; numpy's sort takes six times as long on a mesh."""
     flat = keys.reshape(-1)
     order = np.argsort(flat, kind="stable")
     run = flat[order]

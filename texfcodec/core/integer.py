@@ -1,4 +1,4 @@
-"""Integer arithmetic that kernels of several rooms need."""
+"""Integer arithmetic for the kernels of several rooms."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from .kernel import instruction, kernel
 
 @kernel
 def _isqrt(v):
-    """floor(sqrt(v)) for 0 <= v < 2**62, by the digit-by-digit method: no float anywhere."""
+    """floor(sqrt(v)) for 0 <= v < 2**62, by the digit-by-digit method without floats."""
     root = np.int64(0)
     bit = np.int64(1) << 60
     while bit > v:
@@ -24,5 +24,5 @@ def _isqrt(v):
 
 @instruction("ctpop")
 def _ones(v):
-    """Set bits of 0 <= v < 2**63."""
+    """Number of set bits of 0 <= v < 2**63."""
     return int(v).bit_count()

@@ -1,5 +1,5 @@
-"""The text of every report. JSON knows no infinity and no NaN, and strict readers refuse a document that holds one, so that a
-single such figure would cost the whole report: this is the one place that writes them, as null."""
+"""Writes the JSON of every report. JSON has no infinity and no NaN, and strict readers refuse a document that contains one. Only
+this module writes such numbers, as null."""
 
 import json
 import math
@@ -10,8 +10,9 @@ from typing import Any
 def json_ready(value: Any) -> Any:
     """A copy of value that JSON can hold, at any depth.
 
-    Infinite numbers (PSNR of what is exact) and NaN become None; numpy's numbers and arrays Python's; mappings dicts whose keys
-    are text; other sequences and sets lists; anything else its str(). Any: what JSON holds is a union of all these.
+    Infinite numbers (PSNR of exact values) and NaN become None. Numbers and arrays of numpy become Python's, mappings become
+    dicts with text keys, other sequences and sets become lists, and anything else becomes its str(). Any: the union of all these
+    types.
     """
     if value is None or isinstance(value, str | bool | int):
         return value
@@ -27,5 +28,5 @@ def json_ready(value: Any) -> Any:
 
 
 def json_text(value: Any, **layout: Any) -> str:
-    """The JSON of json_ready(value). layout: keywords of json.dumps, such as indent."""
+    """JSON text of json_ready(value). layout: keywords of json.dumps, such as indent."""
     return json.dumps(json_ready(value), allow_nan=False, **layout)

@@ -1,13 +1,13 @@
-"""Compilation of kernels, and where the compiled code is kept.
+"""Compiles kernels and caches the compiled code.
 
-Numba renews a cached kernel when its own file changes, not when a function it calls in another file does: after an upgrade or a
-`git pull` an old decoder could run under a new source tree. So the cache folder of a file's kernels carries a fingerprint of that
-file and of all that it imports from the package; a change elsewhere compiles nothing again.
+Numba renews a cached kernel if its own file changes, but not if a function that it calls in another file does. After an upgrade
+or a `git pull` an old decoder could run under a new source tree. So the cache folder of a file's kernels carries a fingerprint of
+that file and of its imports from the package; other changes compile nothing again.
 
-Nor does numba keep processes apart that first compile a kernel for different types at the same moment: both number their file 1,
-and whoever comes next runs the code of one for the types of the other. So a lock goes with every kernel's files, what is loaded
-is looked at, and a file that cannot be read or written costs a compilation, no more. A second lock is held while a kernel is
-compiled: of processes that need it at the same moment one compiles, and the others load what it made.
+Numba does not separate processes either. Two that first compile a kernel for different types at the same moment both number their
+file 1, and a later process runs the code for the wrong types. So every kernel's files have a lock, and the types of loaded code
+are checked; a file that cannot be read or written costs only a compilation. A second lock is held during a compilation: of
+processes that need the kernel at the same moment one compiles, and the others load its result.
 """
 
 import gc
@@ -31,8 +31,7 @@ IMPORT = re.compile(rb"^[ \t]*from[ \t]+(\.+|texfcodec\b\.?)([\w.]*)[ \t]+import
 
 @lru_cache(maxsize=1024)
 def _read(path: Path) -> tuple[str, bytes, tuple[Path, ...]]:
-    """Of a file of the package: its place there, the hash of its content, and the files of the package that it imports from, at
-    the top or inside functions."""
+    """Returns (path within the package, hash of the content, package files that it imports, at the top or inside functions)."""
     content, imported = path.read_bytes(), []
     for start, module, names in IMPORT.findall(content):
         root = path.parents[len(start) - 1] if start.startswith(b".") else PACKAGE
@@ -44,8 +43,8 @@ def _read(path: Path) -> tuple[str, bytes, tuple[Path, ...]]:
 
 @lru_cache(maxsize=256)
 def fingerprint(path: Path) -> str:
-    """Hash over the place of the package, a file of it and all that the file imports from there, straight or through others: 16
-    hexadecimal digits. The place counts because numba does not share kernels between installations either."""
+    """Hash of the package's path, a file in it and all package files that the file imports, directly or indirectly: 16
+    hexadecimal digits. The path is included because numba does not share kernels between installations either."""
     known, new = set(), {path}
     while new:
         known |= new
@@ -57,7 +56,7 @@ def fingerprint(path: Path) -> str:
 
 
 def _bases():
-    """Places for the cache, best first. None of them may be writable by others: cached kernels are code."""
+    """Candidate folders for the cache, best first. None may be writable by others, because cached kernels are code."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     if given:
         yield Path(given)
@@ -72,8 +71,8 @@ def _bases():
 
 
 def cache_folder(path: Path) -> Path:
-    """Where the compiled kernels of a file are kept: a folder of this state of it in NUMBA_CACHE_DIR, else in the user's cache,
-    else beside the sources; made where it is not there yet."""
+    """Folder of a file's compiled kernels, created if it does not exist: named by the fingerprint, in NUMBA_CACHE_DIR, else in
+    the user's cache, else beside the sources."""
     for base in _bases():
         folder = base / "texfcodec" / fingerprint(path)
         try:
@@ -87,12 +86,12 @@ def cache_folder(path: Path) -> Path:
 
 # Any: Numba's compiled functions have no types, nor does partial() of this one.
 def kernel(function: Callable | None = None, allocates: bool = False, **options: Any) -> Any:
-    """Decorator: compiled without the interpreter's lock and cached in cache_folder(). options: further ones of numba.njit.
-    Divisions are not checked for zero: whoever divides makes sure.
+    """Decorator: compiles a function without the interpreter's lock and caches it in cache_folder(). options: further options of
+    numba.njit. Divisions are not checked for zero; the caller ensures that.
 
-    allocates: the kernel makes or returns arrays. Then numba counts who holds one, and each look into a named tuple of arrays is
-    an atomic increment: the level kernels of the transform were slower by half, the sampling of images by a third. So the small
-    kernels inside a loop make none.
+    allocates: the kernel creates or returns arrays. Numba then counts references, and each access to a named tuple of arrays is
+    an atomic increment. That slowed the level kernels of the transform by half and the sampling of images by a third, so small
+    kernels inside a loop allocate nothing.
     """
     if function is None:
         return partial(kernel, allocates=allocates, **options)
@@ -106,8 +105,8 @@ def kernel(function: Callable | None = None, allocates: bool = False, **options:
 
 
 def instruction(name: str) -> Callable[[Callable], Callable]:
-    """Decorator of a function of an integer that kernels have one instruction for: LLVM's of this name, on an int64. Python runs
-    the function itself."""
+    """Decorator of an integer function that kernels replace by one LLVM instruction of this name, on an int64. Python runs the
+    function itself."""
 
     def decorate(function):
         from numba.extending import intrinsic, overload
@@ -142,7 +141,7 @@ def _compiled(numba, function, folder, options):
 
 
 def _share(cache, lock):
-    """Makes numba's cache of a kernel safe to share with other processes, and its files safe to lose. lock: path of a file."""
+    """Makes numba's cache of a kernel safe to share between processes and robust to damaged files. lock: path of a lock file."""
     load, save = cache.load_overload, cache.save_overload
 
     def load_ours(sig, target):
@@ -168,7 +167,7 @@ def _share(cache, lock):
 
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """One process at a time, where the system locks files."""
+    """Context manager: one process at a time, if the system locks files."""
     try:
         import fcntl
 
@@ -193,9 +192,9 @@ def _serve_kernels(numba, dispatcher, function, folder, options):
 
 
 def _once(lock, file, compile_one):
-    """compile_one with the garbage collector at rest, and by one process at a time. The collector looks through numba's many
-    objects again and again, a tenth of a first run, and finds little. lock: numba's, which a compiling thread takes anyway; it
-    may be taken twice. file: of the kernel's own lock. No kernel calls itself, so processes wait for each other in no circle."""
+    """Returns compile_one with the garbage collector off, for one process at a time. The collector scans numba's many objects
+    repeatedly, a tenth of a first run, and finds little. lock: numba's re-entrant lock, which a compiling thread takes anyway;
+    file: the kernel's lock file. No kernel calls itself, so processes never wait for each other in a circle."""
     compiling = False
 
     def compiled(signature):

@@ -1,7 +1,7 @@
-"""What a syntax table is made of; reader, writer, texf-info and the tables of the specification walk over such tables.
+"""Syntax tables and their elements. The reader, the writer, texf-info and the tables of the specification all walk over them.
 
-Descriptors: u8 u16 u32 f32 f64 (little endian), i8, i32, v (unsigned LEB128, at most 8 bytes), bytes (the rest of the
-payload, or `count` bytes), utf8 (`count` bytes). A Derived entry computes a named variable from what was read; it takes no bytes.
+Descriptors: u8 u16 u32 f32 f64 (little endian), i8, i32, v (unsigned LEB128, at most 8 bytes), bytes (the rest of the payload, or
+`count` bytes), utf8 (`count` bytes). A Derived entry computes a named variable from earlier values; it takes no bytes.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ V_MAX = (1 << 56) - 1
 
 @dataclass(frozen=True)
 class Element:
-    """One syntax element. low/high: allowed range; count: None for a scalar, else the name of a value (array length);
-    when: (text, function of the values) or None; each: for an array of structures, function (values, index) -> variables that
-    item `index` needs; registry: a number above the range is one that a later specification may give a meaning (spec 4.3)."""
+    """One syntax element. low/high: allowed range; count: None for a scalar, else the name of a value (array length); when:
+    (text, function of the values) or None; each: for an array of structures, function (values, index) -> variables for item
+    `index`; registry: a later specification may assign a meaning to numbers above the range (spec 4.3)."""
 
     name: str
     descriptor: str | Structure
@@ -30,7 +30,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Derived:
-    """A variable computed while reading: text for the spec, function of the values read so far."""
+    """A variable computed while reading: its text for the specification, and a function of the values read so far."""
 
     name: str
     text: str

@@ -1,4 +1,4 @@
-"""Reading, writing and describing any structure of structure.py: three walkers over the same tables."""
+"""Reads, writes and describes any structure of a syntax table: three walkers over core/syntax_table.py."""
 
 import struct
 from typing import Any
@@ -22,13 +22,13 @@ def write_v(value: int) -> bytes:
 
 
 class Reader:
-    """A bounded view of the stream. data: bytes; [position, end) is what may be read; base: file offset of data[0]."""
+    """A bounded view of the stream. data: bytes; [position, end): the readable range; base: file offset of data[0]."""
 
     def __init__(self, data: bytes | memoryview, position: int, end: int, base: int = 0) -> None:
         self.data, self.position, self.end, self.base = data, position, end, base
 
     def take(self, count: int, name: str, clause: str) -> bytes | memoryview:
-        """The next `count` bytes, or StreamError TXF-S02."""
+        """The next `count` bytes. Raises StreamError TXF-S02 if there are fewer."""
         if count > self.end - self.position:
             raise StreamError("TXF-S02", f"the data ends inside {name}", clause=clause, offset=self.base + self.position,
                               value=self.end - self.position, allowed=f">= {count} bytes")
@@ -56,7 +56,7 @@ def _count_of(element, values):
 
 
 def check_range(element: Element, value: Any, offset: int | None, clause: str) -> None:
-    """Raises StreamError TXF-S04 where a value is outside its element's range, SupportError TXF-U09 where it is above that of a
+    """Raises StreamError TXF-S04 if a value is outside its element's range, SupportError TXF-U09 if it is above the range of a
     registry."""
     low, high = element.low, element.high
     if element.registry and high is not None and value > high:
@@ -94,7 +94,7 @@ def _read_blob(element, reader, count, clause):
 
 
 def read_structure(structure: Structure, reader: Reader, values: dict, trace: list | None = None, prefix: str = "") -> dict:
-    """Reads one structure. values: dict of the variables known so far, extended in place; returns it.
+    """Reads one structure. values: dict of the variables known so far; it is extended in place and returned.
 
     trace: list that receives (name, offset, size, value) of every element.
     """
@@ -140,7 +140,7 @@ def _write_scalar(element, value, clause):
 
 
 def _check_length(element, values):
-    """An array must be as long as its count says; strings count their UTF-8 bytes."""
+    """Checks that an array is as long as its count; the length of a string is in UTF-8 bytes."""
     count = _count_of(element, values)
     if count is not None:
         value = values[element.name]
@@ -150,7 +150,7 @@ def _check_length(element, values):
 
 
 def write_structure(structure: Structure, values: dict) -> bytes:
-    """Bytes of one structure from a dict with a value for every element; derived variables are computed on the way."""
+    """Bytes of one structure. values: dict with a value for every element; derived variables are computed from them."""
     out = bytearray()
     values = dict(values)
     for element in structure.elements:

@@ -1,4 +1,4 @@
-"""Ways to run work on threads."""
+"""Runs work on threads."""
 
 from collections import deque
 from collections.abc import Callable, Generator, Sequence

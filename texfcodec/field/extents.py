@@ -1,4 +1,4 @@
-"""Counts that follow from a grid's resolution, and the bound of an image; no numba here, so that texf-info stays quick."""
+"""Counts that follow from a grid's resolution, and the bound of an image. It loads no numba, so that texf-info starts quickly."""
 
 MAX_SIDE = 1 << 14  # of an image, in texels
 

@@ -1,6 +1,6 @@
-"""Brick map: finds the rank of a voxel in the Morton order with one brick look-up and a popcount.
+"""Brick map: returns the rank of a voxel in Morton order with one brick look-up and a popcount.
 
-A brick is 8x8x8 voxels, one run of 512 Morton keys. Each has 16 words of 32 occupancy bits and, per word, the rank of its first
+A brick is 8x8x8 voxels, one run of 512 Morton keys. It has 16 words of 32 occupancy bits and, per word, the rank of its first
 voxel: 192 bytes a brick, about 3 bytes per voxel on a surface.
 """
 
@@ -56,7 +56,7 @@ def _fill(keys, slots, bricks, words, ranks):
 
 @kernel
 def _rank(key, slots, bricks, words, ranks):
-    """Rank of the voxel with this Morton key, -1 where it is not active."""
+    """Rank of the voxel with this Morton key; -1 if it is not active."""
     b = slots[_brick_slot(key >> 9, slots, bricks)]
     if b < 0:
         return np.int64(-1)
@@ -80,7 +80,7 @@ def build_brick_map(keys: np.ndarray) -> BrickMap:
 
 @kernel
 def _rank_of_voxel(x, y, z, size, slots, bricks, words, ranks):
-    """Rank of voxel (x, y, z), -1 outside the grid of `size` voxels a side or where it is not active."""
+    """Rank of voxel (x, y, z); -1 outside the grid of `size` voxels a side or if the voxel is not active."""
     if x < 0 or y < 0 or z < 0 or x >= size or y >= size or z >= size:
         return np.int64(-1)
     return _rank(_morton_key(x, y, z), slots, bricks, words, ranks)

@@ -1,4 +1,4 @@
-"""What all supports share: sorted Morton keys with a tree of levels above them (spec clauses 7.1 and 8.3)."""
+"""Base of all supports: sorted Morton keys with a tree of levels above them (spec clauses 7.1 and 8.3)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ Kept = TypeVar("Kept")
 
 
 class Keyed:
-    """A set of cells that values live in; a dataclass derives from it. keys: int64 [N] ascending Morton keys; level_shift: levels
-    that were left out, a cell here being 2**level_shift of the full ones a side; planar: whether every z is 0."""
+    """A set of cells that hold values; base of dataclasses. keys: int64 [N] ascending Morton keys; level_shift: number of omitted
+    levels (a cell is 2**level_shift full ones wide); planar: whether every z is 0."""
 
     keys: np.ndarray
     level_shift: int
@@ -22,25 +22,26 @@ class Keyed:
 
     @property
     def depth(self) -> int:
-        """Levels of the tree over the cells at hand."""
+        """Levels of the tree over these cells."""
         raise NotImplementedError
 
     def kept(self, name: str, make: Callable[[], Kept]) -> Kept:
-        """What a codec derives from the keys for every plane on them: made when it is first asked for, there until forget()."""
+        """Result of make(), computed at the first call for this name and cached until forget(). Codecs keep here what all planes
+        on these keys share."""
         own = self.__dict__.setdefault("_kept", {})
         if name not in own:
             own[name] = make()
         return own[name]
 
     def forget(self) -> None:
-        """Lets go of what was kept."""
+        """Clears the cache of kept()."""
         self.__dict__.pop("_kept", None)
 
     def __len__(self) -> int:
         return len(self.keys)
 
     def coarser(self, levels: int) -> Self:
-        """The support with so many levels less, but for the root."""
+        """The support with `levels` fewer levels, at least the root."""
         shift = min(levels, self.depth)
         if not shift:
             return self
@@ -49,7 +50,7 @@ class Keyed:
         return replace(self, keys=keys, level_shift=self.level_shift + shift)  # type: ignore[type-var]  # a dataclass derives
 
     def mean(self, values: np.ndarray, levels: int) -> np.ndarray:
-        """Rounded means of values uint8 [N, C] over the cells of coarser(levels), uint8 [n, C] (spec clause 8.3)."""
+        """Rounded means over the cells of coarser(levels), uint8 [n, C] (spec clause 8.3). values: uint8 [N, C]."""
         parents = self.keys >> 3 * min(levels, self.depth)
         first = np.flatnonzero(np.diff(parents, prepend=-1))
         counts = np.diff(np.append(first, len(parents)))[:, None]

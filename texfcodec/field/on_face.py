@@ -1,4 +1,4 @@
-"""Where on its face a surface point is, and so which texel it shows (spec clause 8.2)."""
+"""Position of a surface point on its face, and the UV there (spec clause 8.2)."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from ..core.kernel import kernel
 
 @kernel
 def _along(px, py, pz, ax, ay, az, bx, by, bz):
-    """Share 0..1 of the way from a to b whose point is nearest to p, and its squared distance."""
+    """(share 0..1 of the way from a to b of the point nearest to p, its squared distance)."""
     dx, dy, dz = bx - ax, by - ay, bz - az
     length, t = dx * dx + dy * dy + dz * dz, 0.0
     if length > 0.0:
@@ -18,10 +18,10 @@ def _along(px, py, pz, ax, ay, az, bx, by, bz):
 
 @kernel
 def corner_weights(px, py, pz, corner, out):
-    """Weights of the three corners, float64 [3, 3], at the point of the face that is nearest to p, into out float64 [3].
+    """Writes the weights of the three corners, float64 [3, 3], at the face's point nearest to p to out float64 [3].
 
-    Decoding gives whole numbers below 2**20 as corners, so that the cross product n of two edges is exact, and a sliver's area
-    does not drown in rounding.
+    Decoding passes whole numbers below 2**20 as corners. The cross product n of two edges is then exact, and rounding does not
+    hide the area of a sliver.
     """
     ux, uy, uz = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
     vx, vy, vz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]
@@ -46,7 +46,8 @@ def corner_weights(px, py, pz, corner, out):
 
 @kernel(allocates=True)
 def _texel_positions(points, positions, faces, uv, face_index, out):
-    """UVs of the points into out float64 [M, 2]. Bounds: the caller has checked face_index, and faces against positions."""
+    """Writes the UVs of the points to out float64 [M, 2]. Bounds: the caller has checked face_index, and faces against
+    positions."""
     corner, weight = np.empty((3, 3)), np.zeros(3)
     for i in range(points.shape[0]):
         f = face_index[i]
@@ -61,10 +62,10 @@ def _texel_positions(points, positions, faces, uv, face_index, out):
 
 def texel_positions(points: np.ndarray, positions: np.ndarray, faces: np.ndarray, uv: np.ndarray,
                     face_index: np.ndarray) -> np.ndarray:
-    """UVs, float64 [M, 2], of the points of faces nearest to given ones.
+    """UVs, float64 [M, 2], at the positions on faces nearest to points.
 
-    points: float64 [M, 3]; positions: float64 [V, 3], whole numbers below 2**20; faces: int64 [F, 3] into them; uv: float64
-    [V, 2]; face_index: int64 [M] into faces, checked by the caller.
+    points: float64 [M, 3]; positions: float64 [V, 3], whole numbers below 2**20; faces: int64 [F, 3] into them; uv: float64 [V,
+    2]; face_index: int64 [M] into faces, checked by the caller.
     """
     out = np.empty((len(points), 2))
     _texel_positions(np.ascontiguousarray(points), positions, faces, uv, np.ascontiguousarray(face_index), out)

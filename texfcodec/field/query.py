@@ -1,4 +1,4 @@
-"""Asking a field at surface points: trilinear over the active corners, nearest active voxel as fallback (spec clause 8.2)."""
+"""Evaluates a field at surface points: trilinear over the active corners, else the nearest active voxel (spec clause 8.2)."""
 
 
 import numpy as np
@@ -14,8 +14,8 @@ BLOCK = 1 << 16
 
 @kernel
 def _nearest(x, y, z, size, slots, bricks, words, ranks):
-    """Rank of the active voxel whose centre is nearest to (x, y, z), -1 where none is within SEARCH_RINGS + 0.5 (up to there
-    the cube that is searched holds every candidate). Ties go to the first in x, then y, then z."""
+    """Rank of the active voxel whose centre is nearest to (x, y, z); -1 if none is within SEARCH_RINGS + 0.5, the distance up to
+    which the searched cube contains every candidate. Ties go to the first in x, then y, then z."""
     bx, by, bz = np.int64(np.floor(x)), np.int64(np.floor(y)), np.int64(np.floor(z))
     best, nearest = (SEARCH_RINGS + 0.5) ** 2, np.int64(-1)
     for ix in range(bx - SEARCH_RINGS, bx + SEARCH_RINGS + 1):
@@ -31,7 +31,8 @@ def _nearest(x, y, z, size, slots, bricks, words, ranks):
 
 @kernel(allocates=True)
 def _query(points, size, slots, bricks, words, ranks, values, out, missed):
-    """Trilinear answers into out float32 [M, C]; missed uint8 [M]: 1 where the nearest voxel answered, 2 where none was near."""
+    """Writes trilinear values to out float32 [M, C] and to missed uint8 [M]: 1 for the nearest voxel's value, 2 if no voxel is
+    near."""
     sums = np.zeros(values.shape[1], np.float64)
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -62,10 +63,10 @@ def _query(points, size, slots, bricks, words, ranks, values, out, missed):
 
 def query_field(points: np.ndarray, resolution: int, keys: np.ndarray, brick_map: BrickMap, values: np.ndarray,
                 threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Values of one field at grid points.
+    """Values of one field at grid points: (float32 [M, C], uint8 [M]). The second is 0 for trilinear, 1 for the nearest active
+    voxel within reach, 2 for the nearest of all voxels.
 
     points: float64 [M, 3] grid coordinates (voxel v covers [v, v + 1)); keys: int64 [N], N >= 1; values: uint8 or float32 [N, C].
-    Returns (float32 [M, C], uint8 [M]: 0 trilinear, 1 nearest active voxel within reach, 2 nearest found by search of all).
     """
     points = np.clip(np.asarray(points, np.float64), -1e6, 1e6)
     out, missed = np.empty((len(points), values.shape[1]), np.float32), np.empty(len(points), np.uint8)
@@ -95,8 +96,9 @@ def nearest_of_all(points: np.ndarray, resolution: int, keys: np.ndarray) -> np.
 
 @kernel(allocates=True)
 def _descend(points, keys, xyz, levels, guess, rank):
-    """Ascending Morton keys are an octree: the keys of a cube follow each other. Cubes that are farther than the best voxel so
-    far are left out. A cube puts at most 8 smaller ones in its place, so that levels <= 16 of them need 8 * 17 places."""
+    """Writes to rank int64 [M] the nearest voxel of each point. Ascending Morton keys form an octree: the keys of a cube are
+    contiguous. Cubes farther than the best voxel so far are skipped. A cube is replaced by at most 8 smaller ones, so levels <=
+    16 need 8 * 17 places."""
     first, last, level = np.empty(136, np.int64), np.empty(136, np.int64), np.empty(136, np.int64)
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -130,7 +132,8 @@ def _descend(points, keys, xyz, levels, guess, rank):
 
 @kernel
 def _square_distance(x, y, z, vx, vy, vz, bits):
-    """Least squared distance of a point to centres of voxels in the cube of 2^bits voxels a side around voxel (vx, vy, vz)."""
+    """Least squared distance from a point to the voxel centres in the cube of 2^bits voxels a side that contains voxel (vx, vy,
+    vz)."""
     reach = np.int64(1) << bits
     dx = _outside(x, (vx >> bits) << bits, reach)
     dy = _outside(y, (vy >> bits) << bits, reach)

@@ -1,4 +1,4 @@
-"""The samples of the voxelisation (spec 6.3) as arrays, a batch at a time, for whatever looks at the surface evenly by area."""
+"""The samples of the voxelisation (spec 6.3) as arrays, in batches, spread evenly by area over the surface."""
 
 from collections.abc import Iterator
 
@@ -12,7 +12,7 @@ BATCH = 1 << 18  # samples a batch; a row has at most 2**16
 
 @kernel
 def _next_samples(corners, faces, per_edge, walk, points, face, bary, share):
-    """Fills the arrays with the walk's next whole rows of samples; returns their number, 0 at the end of the surface.
+    """Fills the arrays with the walk's next whole rows of samples. Returns their number, 0 at the end of the surface.
 
     points: float64 [M, 3] grid coordinates; bary: float64 [M, 3]; share: float64 [M] area in voxel faces. The faces have been
     checked against the corners.
@@ -39,7 +39,8 @@ def _next_samples(corners, faces, per_edge, walk, points, face, bary, share):
 def surface_samples(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
                     per_edge: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Yields (points float64 [M, 3] grid coordinates, face int64 [M], bary float64 [M, 3], share float64 [M] area in voxel faces)
-    until the surface is covered. lattice: int64 [V, 3]; faces: int64 [F, 3] in 0..V-1; per_edge: samples per voxel edge."""
+    for batches that together cover the surface. lattice: int64 [V, 3]; faces: int64 [F, 3] in 0..V-1; per_edge: samples per voxel
+    edge."""
     corners, faces = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution)), np.ascontiguousarray(faces)
     walk = surface_walk()
     room = max(BATCH, (per_edge * resolution + 1) * 2)

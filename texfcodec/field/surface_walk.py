@@ -1,8 +1,8 @@
-"""The one walk over the samples of a surface (spec 6.1 to 6.3): voxelisation, transfer, contacts and measurements all take it.
+"""The single walk over the samples of a surface (spec 6.1 to 6.3), for voxelisation, transfer, contacts and measurements.
 
-Integer arithmetic only, and independent of vertex order, face order and start corner: every corner is mapped to fixed grid
-coordinates, every triangle is brought into a canonical corner order and covered by rows of samples parallel to its longest
-edge. `_next_row` goes from row to row; what is done with the samples of a row is the caller's.
+It uses integer arithmetic only and does not depend on vertex order, face order or start corner. Every corner is mapped to fixed
+grid coordinates. Every triangle gets a canonical corner order and is covered by rows of samples parallel to its longest edge.
+`_next_row` advances to the next row; the caller processes the samples of a row.
 """
 
 from typing import NamedTuple
@@ -18,8 +18,8 @@ EVERYWHERE = 1 << 40  # beyond all voxels
 
 
 class SurfaceWalk(NamedTuple):
-    """Where a walk is, all int64: the face's corners [3, 3] in fixed grid coordinates; order [3]: corner numbers of base start,
-    base end and apex; start, half_step [3]: sample i of the row lies at start + (2 i + 1) * half_step, 32 fractional bits;
+    """State of a walk, all int64. corners [3, 3]: of the face, in fixed grid coordinates; order [3]: corner numbers of base
+    start, base end and apex; start, half_step [3]: sample i of the row lies at start + (2 i + 1) * half_step, 32 fractional bits;
     state [9]: the face, the row, the face's rows and columns, its area per squared row count, the row's samples, the slab."""
 
     corners: np.ndarray
@@ -30,7 +30,7 @@ class SurfaceWalk(NamedTuple):
 
 
 def surface_walk(axis: int = 0, low: int = -EVERYWHERE, high: int = EVERYWHERE) -> SurfaceWalk:
-    """A walk from the first face on. It passes by faces without samples in low <= voxel index[axis] < high."""
+    """A walk that starts at the first face. It skips faces without samples in low <= voxel index[axis] < high."""
     state = np.array([-1, 0, 0, 0, 0, 0, axis, low, high], np.int64)
     order, start, half_step = np.zeros((3, 3), np.int64)
     return SurfaceWalk(np.zeros((3, 3), np.int64), order, start, half_step, state)
@@ -79,10 +79,10 @@ def _reach(g, a, b):
 
 @kernel
 def _triangle_frame(g, per_edge, order):
-    """Canonical frame of one triangle (spec 6.2). g: int64 [3, 3] fixed grid coordinates; order: int64 [3], filled with
-    the corner numbers (base start, base end, apex). Returns (columns n, rows m, area per squared row count).
+    """Canonical frame of one triangle (spec 6.2): (columns n, rows m, area per squared row count).
 
-    n <= per_edge * 2**13, m <= 3 * per_edge * 2**13; per_edge * area < 2**63 for per_edge <= 4.
+    g: int64 [3, 3] fixed grid coordinates; order: int64 [3], filled with the corner numbers (base start, base end, apex). n <=
+    per_edge * 2**13, m <= 3 * per_edge * 2**13; per_edge * area < 2**63 for per_edge <= 4.
     """
     a, b, c = 0, 1, 2
     if _precedes(g, b, a):
@@ -112,14 +112,14 @@ def _triangle_frame(g, per_edge, order):
 
 @kernel
 def _row_offset(columns, rows):
-    """Height of a row above the lower edge of its band, in half bands (spec 6.3): in the middle, but on the edge itself for
-    slivers, whose sides are so slanted that a row in the middle would leave their ends without samples."""
+    """Height of a row above the lower edge of its band, in half bands (spec 6.3): 1, the middle, but 0, the edge itself, for
+    slivers. The sides of a sliver are so slanted that a row in the middle would leave its ends without samples."""
     return np.int64(0) if columns > 4 * rows else np.int64(1)
 
 
 @kernel
 def _load_corners(corners, faces, f, g):
-    """Fixed grid coordinates of face f into g int64 [3, 3]; the faces have been checked against the corners."""
+    """Writes the fixed grid coordinates of face f to g int64 [3, 3]; the faces have been checked against the corners."""
     for c in range(3):
         for d in range(3):
             g[c, d] = corners[faces[f, c], d]
@@ -136,8 +136,9 @@ def _misses_slab(g, axis, low, high):
 
 @kernel
 def _next_row(corners, faces, per_edge, walk):
-    """Goes to the next row of samples (spec 6.3), on to the next face where there is none: the number of its samples, 0 at the
-    end of the surface. corners: int64 [V, 3] fixed grid coordinates; faces: int64 [F, 3], checked against the corners."""
+    """Advances to the next row of samples (spec 6.3), or to the next face after the last row. Returns the number of samples in
+    the row, 0 at the end of the surface. corners: int64 [V, 3] fixed grid coordinates; faces: int64 [F, 3], checked against the
+    corners."""
     g, order, state = walk.corners, walk.order, walk.state
     state[ROW] += 1
     if state[ROW] >= state[ROWS]:
@@ -166,13 +167,13 @@ def _next_row(corners, faces, per_edge, walk):
 
 @kernel
 def _sample_area(state):
-    """Area that each sample of the row stands for, in units of 2**-32 voxel faces. state: of the walk."""
+    """Area that each sample of the row represents, in units of 2**-32 voxel faces. state: SurfaceWalk.state."""
     rows = state[ROWS]
     return (state[UNIT] * (2 * rows - 2 * state[ROW] - 1)) // (2 * state[COUNT])
 
 
 @kernel
 def _row_height(state):
-    """How far the row is from the base to the apex, 0..1: the apex's barycentric coordinate of all its samples."""
+    """Height of the row between base and apex, 0..1: the apex's barycentric coordinate of all its samples."""
     rows = state[ROWS]
     return (2 * state[ROW] + _row_offset(state[COLUMNS], rows)) / (2.0 * rows)

@@ -1,7 +1,7 @@
-"""Which texels a triangle needs, and which of its points each of them shows: two kernels shared by atlas and bake.
+"""The texels that cover a triangle, and the triangle's point nearest to a texel: kernels shared by atlas and bake.
 
-Everything here is in texel units (texel (i, j) covers [i, i+1) x [j, j+1), centre at i+0.5, j+0.5) and float64: an atlas is
-a convenience for viewers, not part of the normative decode.
+Everything here is in texel units (texel (i, j) covers [i, i+1) x [j, j+1), centre at i+0.5, j+0.5) and float64: an atlas is a
+convenience for viewers, not part of the normative decode.
 """
 
 import math
@@ -11,7 +11,7 @@ from ..core.kernel import kernel
 
 @kernel
 def _clip_edge(x0, y0, x1, y1, low, high):
-    """(x minimum, x maximum) of the part of an edge with low <= y <= high; (inf, -inf) when there is none."""
+    """(x minimum, x maximum) of the part of an edge with low <= y <= high; (inf, -inf) if there is none."""
     if y0 > y1:
         x0, y0, x1, y1 = x1, y1, x0, y0
     if y1 < low or y0 > high:
@@ -26,9 +26,9 @@ def _clip_edge(x0, y0, x1, y1, low, high):
 
 @kernel
 def span_in_band(ax, ay, bx, by, cx, cy, low, high):
-    """x extent (minimum, maximum) of a triangle inside the band low <= y <= high; (inf, -inf) when they do not meet.
+    """(x minimum, x maximum) of a triangle inside the band low <= y <= high; (inf, -inf) if they do not meet.
 
-    Exact, because the extreme points of a convex shape cut by a band lie on its edges. Degenerate triangles are segments.
+    It is exact, because the extreme points of a convex shape cut by a band lie on its edges. Degenerate triangles are segments.
     """
     l0, h0 = _clip_edge(ax, ay, bx, by, low, high)
     l1, h1 = _clip_edge(bx, by, cx, cy, low, high)
@@ -50,7 +50,7 @@ def _nearest_on_edge(px, py, x0, y0, x1, y1):
 
 @kernel
 def nearest_on_triangle(px, py, ax, ay, bx, by, cx, cy):
-    """(squared distance, weight of a, weight of b) of the triangle's point nearest to p; distance 0 when p is inside.
+    """(squared distance, weight of a, weight of b) of the triangle's point nearest to p; distance 0 if p is inside.
 
     The weight of c is 1 - a - b. Either winding; a degenerate triangle is treated as its longest segment.
     """

@@ -1,8 +1,8 @@
-"""Which texels a textured surface asks: an exact rasterisation with wrap (spec clause 6.5).
+"""The texels that a textured surface references: an exact rasterisation with wrap (spec clause 6.5).
 
-A texel is asked where bilinear interpolation at some point of a face weighs it: where the face meets the open square of two
-texels a side around its centre. Row by row, the columns of these squares are a range; ranges are added to a table of differences,
-so that neither the order of the faces nor their number of turns around a tiled image matters.
+A face references a texel if bilinear interpolation at some point of the face weighs it, that is if the face meets the open square
+of two texels a side around the texel's centre. In each row, the columns of these squares form a range. Ranges are added to a
+table of differences, so neither the order of the faces nor their number of turns around a tiled image matters.
 """
 
 import numpy as np
@@ -41,9 +41,9 @@ def _count_rows(uv, faces, fraction):
 
 @kernel
 def _edge_columns(xa, ya, xb, yb, low, high, half):
-    """Columns (first, last) whose squares meet the part of an edge within low <= y <= high; first > last where there is none.
+    """Columns (first, last) whose squares meet the part of an edge within low <= y <= high; first > last if there are none.
 
-    All in half steps, coordinates below 2**27: numerators stay below 2**57, times nothing more.
+    All in half steps, with coordinates below 2**27, so numerators stay below 2**57.
     """
     if ya > yb:
         xa, ya, xb, yb = xb, yb, xa, ya
@@ -88,8 +88,8 @@ def _add_range(row, first, last, size, mode, share, table):
 
 @kernel
 def _rasterise(uv, faces, fraction, wrap_s, wrap_t, shares, table):
-    """Adds the share of every face to the columns of each of its rows in table, [height, width + 1]. shares: [F], of table's
-    type, which holds twice their sum. Faces index uv by the caller's check. |uv| < MAX_UV: coordinates below 2**27."""
+    """Adds the share of every face to the columns of each of its rows in table [height, width + 1]. shares: [F], of the table's
+    type, which can hold twice their sum. The caller has checked that faces index uv. |uv| < MAX_UV: coordinates below 2**27."""
     height, width = table.shape[0], table.shape[1] - 1
     half = np.int64(1) << fraction
     for f in range(faces.shape[0]):
@@ -109,7 +109,7 @@ def _rasterise(uv, faces, fraction, wrap_s, wrap_t, shares, table):
 
 @kernel
 def _sum_rows(table):
-    """Puts the running sum of every row in its columns but the last; returns how many are not zero."""
+    """Replaces the columns but the last of every row by their running sum. Returns how many sums are not zero."""
     n = np.int64(0)
     for y in range(table.shape[0]):
         total = table[y, 0] - table[y, 0]  # zero of the table's type
@@ -122,7 +122,7 @@ def _sum_rows(table):
 
 @kernel
 def _every_second(v):
-    """Every second bit of 0 <= v < 2**32, from bit 0 on."""
+    """Gathers every second bit of 0 <= v < 2**32, from bit 0 on."""
     v = v & 0x55555555
     v = (v | (v >> 1)) & 0x33333333
     v = (v | (v >> 2)) & 0x0F0F0F0F
@@ -132,7 +132,7 @@ def _every_second(v):
 
 @kernel
 def _keys_of(table, squares, keys):
-    """Fills keys with the ascending Morton keys of the texels whose running sum is not zero; squares: the least power of 4 of
+    """Fills keys with the ascending Morton keys of the texels whose running sum is not zero. squares: the least power of 4 of
     squares that cover the table."""
     n, height, width = 0, table.shape[0], table.shape[1] - 1
     for square in range(squares):
@@ -148,17 +148,17 @@ def _keys_of(table, squares, keys):
 
 
 def count_rows(uv: np.ndarray, faces: np.ndarray, fraction_bits: int) -> int:
-    """Rows that asked_texels() walks through, known before any is touched. Arguments as there."""
+    """Number of rows that asked_texels() visits, computed in advance. Arguments as there."""
     return int(_count_rows(uv, faces, fraction_bits))
 
 
 def asked_texels(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tuple[int, int], wrap: tuple[int, int],
                  most: int | None = None) -> np.ndarray:
-    """Ascending Morton keys, int64 [N], of the texels that a surface asks.
+    """Ascending Morton keys, int64 [N], of the texels that a surface references.
 
     uv: int64 [V, 2] in steps of 2**-fraction_bits texels, of magnitude below MAX_UV; faces: int64 [F, 3] in 0..V-1; size: (width,
-    height), at most layout.MAX_SIDE each; wrap: modes (s, t) of scene.scene. Raises LimitError TXF-L04 where they are more than
-    `most`.
+    height), at most layout.MAX_SIDE each; wrap: modes (s, t) of scene.scene. Raises LimitError TXF-L04 if there are more than
+    `most` texels.
     """
     rows = count_rows(uv, faces, fraction_bits)
     table = np.zeros((size[1], size[0] + 1), np.int32 if rows < MOST_IN_32_BITS else np.int64)
@@ -174,8 +174,8 @@ def asked_texels(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tu
 
 def shown_area(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tuple[int, int], wrap: tuple[int, int],
                area: np.ndarray) -> np.ndarray:
-    """How much of the surface each texel shows, float64 [height, width], roughly: a face spreads its area evenly over the texels
-    that it asks. area: float64 [F]; the others as in asked_texels(). Encoder only."""
+    """Approximate area of the surface that each texel shows, float64 [height, width]: a face spreads its area evenly over the
+    texels that it references. area: float64 [F]; the others as in asked_texels(). Encoder only."""
     table = np.zeros((size[1], size[0] + 1))
     corners = uv[faces].astype(np.float64) / (1 << fraction_bits)
     u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

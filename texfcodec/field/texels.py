@@ -1,5 +1,5 @@
-"""Texels as the support of values: those of an image that the surface asks, and what a surface point asks of them (spec clauses
-6.5 and 8.2)."""
+"""Texels as a support: the texels of an image that the surface references, and bilinear queries of them (spec clauses 6.5 and
+8.2)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BLOCK = 1 << 16
 
 @dataclass(repr=False, kw_only=True)
 class TexelSupport(Keyed):
-    """Texels that values live in. keys, level_shift: as Keyed has them; width, height: of the full image; wrap: (s, t), modes of
+    """Texels that hold values. keys, level_shift: as in Keyed; width, height: of the full image; wrap: (s, t), modes of
     scene.scene; fraction_bits: a UV is in steps of 2**-fraction_bits texels."""
 
     keys: np.ndarray
@@ -38,12 +38,12 @@ class TexelSupport(Keyed):
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) of the image at hand."""
+        """(width, height) of the image at this level."""
         return -(-self.width >> self.level_shift), -(-self.height >> self.level_shift)
 
     @property
     def depth(self) -> int:
-        """Levels of the tree over the image at hand."""
+        """Levels of the tree over the image at this level."""
         return octree_depth(max(self.size))
 
     def xy(self) -> np.ndarray:
@@ -52,7 +52,8 @@ class TexelSupport(Keyed):
 
     @cached_property
     def rank(self) -> np.ndarray:
-        """Rank of every texel of the image, int32 [height, width], -1 where it is not asked; built when it is first needed."""
+        """Rank of every texel of the image, int32 [height, width]; -1 for texels that are not referenced. Built at first
+        access."""
         out, xy = np.full(self.size[::-1], -1, np.int32), self.xy()
         out[xy[:, 1], xy[:, 0]] = np.arange(len(xy), dtype=np.int32)
         return out
@@ -64,8 +65,8 @@ class TexelSupport(Keyed):
         return out
 
     def query(self, texel: np.ndarray, values: np.ndarray, threads: int = 1) -> np.ndarray:
-        """Values where the surface's UVs are `texel`, float64 [M, 2] in texels of the full image (8.2): float32 [M, C]. values:
-        [N, C]."""
+        """Values at UVs of the surface (8.2): float32 [M, C]. texel: float64 [M, 2], UVs in texels of the full image; values: [N,
+        C]."""
         out = np.empty((len(texel), values.shape[1]), np.float32)
         rank, size = self.rank, np.array([self.width, self.height], np.int64)
 
@@ -79,7 +80,7 @@ class TexelSupport(Keyed):
 
 @kernel
 def _folded(x, size, mode):
-    """A coordinate in texels brought into 0..size by the wrap mode, as far as it may be asked beside the image."""
+    """A coordinate in texels, brought into 0..size by the wrap mode; clamping leaves a margin of 1 on both sides."""
     if mode == WRAP_CLAMP:
         return min(max(x, -1.0), size + 1.0)
     if mode == WRAP_REPEAT:
@@ -98,8 +99,8 @@ def _beside(i, size, mode):
 
 @kernel(allocates=True)
 def _bilinear(texel, size, wrap_s, wrap_t, shift, rank, values, out):
-    """Bilinear answers into out float32 [M, C]; texels that are not asked are left out of the weights (0 where all four are).
-    Bounds: columns and rows are brought into the image before they index rank, int32 [H, W] below len(values)."""
+    """Writes bilinear values to out float32 [M, C]. Texels that are not referenced get no weight; if all four are missing, the
+    value is 0. Bounds: columns and rows are wrapped into the image before they index rank, int32 [H, W] below len(values)."""
     sums = np.zeros(values.shape[1], np.float64)
     for i in range(texel.shape[0]):
         x = _folded(min(max(texel[i, 0], -1e9), 1e9), size[0], wrap_s) / (1 << shift) - 0.5
@@ -123,5 +124,5 @@ def _bilinear(texel, size, wrap_s, wrap_t, shift, rank, values, out):
 
 
 def texels_are_sound(keys: np.ndarray, size: tuple[int, int]) -> bool:
-    """Whether these are Morton keys of texels of an image of size (width, height), ascending, at least one."""
+    """Whether keys are ascending Morton keys of texels of an image of size (width, height), at least one."""
     return keys_are_sound(keys, max(size)) and bool((decode_morton(keys).max(axis=0) < [*size, 1]).all())

@@ -1,4 +1,4 @@
-"""Transfer: the source's appearance averaged into the active voxels, with the samples of the voxelisation (encoder only)."""
+"""Averages the source's appearance over the active voxels, with the samples of the voxelisation (encoder only)."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -31,11 +31,11 @@ LEAST_WEIGHT = 1e-9  # of a sample without area, in voxel faces: lines and slive
 @kernel
 def _gather(corners, faces, source, per_edge, resolution, walk, only_empty, slots, bricks, words, ranks, bary, rgba, sums):
     """Adds the samples of the walk's slab to sums float64 [N, 6]: alpha-weighted red, green, blue and weight, then alpha, weight.
-    bary, rgba: float64 [3] and [4], room for one sample.
+    bary, rgba: float64 [3] and [4], scratch for one sample.
 
-    Sums in binary32 were 13 levels off in voxels under a million coplanar faces. With only_empty, voxels that have a weight
-    already are left alone. Every voxel gets its samples in face order, whatever the slabs are, so the sums do not depend on
-    the thread count.
+    Sums in binary32 were 13 levels off in voxels under a million coplanar faces. With only_empty, voxels that already have a
+    weight do not change. Every voxel gets its samples in face order, whatever the slabs are, so the sums do not depend on the
+    thread count.
     """
     order, start, half, state = walk.order, walk.start, walk.half_step, walk.state
     axis, low, high = state[AXIS], state[LOW], state[HIGH]
@@ -75,8 +75,8 @@ def _gather(corners, faces, source, per_edge, resolution, walk, only_empty, slot
 
 
 def _fetch_nearest(corners, faces, source, keys, sums, threads):
-    """Gives voxels that no sample fell into, because the surface they were made of is not quite this one, what the surface shows
-    nearest to their middle. corners, faces, source, sums: of _gather()."""
+    """Gives each voxel without samples the appearance of the surface nearest to its centre. Such voxels exist because they were
+    made from a slightly different surface. corners, faces, source, sums: as in _gather()."""
     empty = np.flatnonzero(sums[:, 5] <= 0)
     if not len(empty) or not len(faces):
         return
@@ -89,7 +89,7 @@ def _fetch_nearest(corners, faces, source, keys, sums, threads):
 
 
 def fill_uncoloured(keys: np.ndarray, colour: np.ndarray, weight: np.ndarray) -> None:
-    """Gives voxels of weight 0 (fully transparent) the mean colour of the nearest octree ancestor that has one, in place. keys:
+    """Gives voxels of weight 0 (fully transparent) the mean colour of their nearest octree ancestor with colour, in place. keys:
     int64 [N]; colour: float32 [N, C]; weight: [N]."""
     empty = np.flatnonzero(weight <= 0)
     for shift in range(3, 42, 3):
@@ -105,7 +105,7 @@ def fill_uncoloured(keys: np.ndarray, colour: np.ndarray, weight: np.ndarray) ->
 
 
 def texels_per_edge(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bits: int, resolution: int) -> float:
-    """Texels along a voxel edge, in the mean over the surface; 0 where nothing is textured. Arguments as in transfer()."""
+    """Mean number of texels along a voxel edge over the surface; 0 without textures. Arguments as in transfer()."""
     _, textures, material_texture, _, _, face_material, uv, *_ = source
     texture = material_texture[face_material]
     voxel_faces = face_areas(lattice, faces).sum() * (resolution / (1 << position_bits)) ** 2
@@ -118,11 +118,10 @@ def texels_per_edge(lattice: np.ndarray, faces: np.ndarray, source: tuple, posit
 
 def transfer(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bits: int, resolution: int, keys: np.ndarray,
              brick_map: BrickMap, per_edge: int = SAMPLES_PER_EDGE, threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Mean source colour and alpha of every active voxel.
+    """Mean source colour and alpha of every active voxel: (float32 [N, 3] sRGB-coded colour 0..255, float32 [N] alpha 0..255).
 
-    lattice: int64 [V, 3]; faces: int64 [F, 3], face i being face i of `source` (from pack_source); keys: int64 [N] ascending
-    with its brick map; per_edge: samples per voxel edge, at least the normative number. Returns (float32 [N, 3] sRGB-coded
-    colour 0..255, float32 [N] alpha 0..255).
+    lattice: int64 [V, 3]; faces: int64 [F, 3], parallel to the faces of `source` (from pack_source); keys: int64 [N] ascending
+    with its brick map; per_edge: samples per voxel edge, at least the normative number.
     """
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
     counts = np.empty(len(faces), np.int64)

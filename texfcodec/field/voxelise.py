@@ -1,4 +1,4 @@
-"""Deterministic voxelisation: which voxels a surface touches and how much surface each of them holds (spec clause 6).
+"""Deterministic voxelisation: the voxels that a surface touches and the area in each (spec clause 6).
 
 Each sample of the walk over the surface (surface_walk.py) marks the voxel it lies in and adds its share of the triangle's area
 there. Integer arithmetic only.
@@ -33,8 +33,8 @@ MIN_SLAB_SAMPLES = 1 << 17  # below this a second thread costs more than it brin
 
 @kernel
 def _slot(brick, slots, rows):
-    """Slot of a brick in an open-addressing table of rows' numbers plus 1: its own, or the first free one. Bricks of 32 side by
-    side lie side by side."""
+    """Slot of a brick in an open-addressing table of row numbers plus 1: its own, or the first free one. 32 adjacent bricks have
+    adjacent slots."""
     mask = slots.shape[0] - 1
     group = brick >> 5
     slot = ((((group ^ (group >> 13)) * 2654435) << 5) ^ (brick & 31)) & mask
@@ -54,7 +54,7 @@ def _grown(rows):
 
 @kernel(allocates=True)
 def _slots_of(rows):
-    """Slots of twice as many bricks as there are rows."""
+    """A table of slots for twice as many bricks as there are rows."""
     slots = np.zeros(4 * rows.shape[0], np.int64)
     for n in range(rows.shape[0]):
         slots[_slot(rows[n, BRICK], slots, rows)] = n + 1
@@ -63,12 +63,12 @@ def _slots_of(rows):
 
 @kernel(allocates=True)
 def _touched(corners, faces, resolution, walk, log2_bricks, most, total):
-    """Bricks of the walk's slab: int64 [n, ROW] in the order of their finding; how many voxels they hold in total [1]. Stops as
-    soon as there are more than `most`, so that memory stays in proportion to that, and returns none of them. One array, because
-    numba lets an interrupt through between two, and crashes on it.
+    """Returns the bricks of the walk's slab, int64 [n, ROW] in the order of their first sample, and writes the number of their
+    voxels to total [1]. Stops and returns no bricks once there are more than `most` voxels, so that memory stays in proportion to
+    it. It returns one array, because numba lets an interrupt through between two and then crashes.
 
-    corners: int64 [V, 3] fixed grid coordinates; faces: int64 [F, 3], already checked against V by the caller's gather.
-    A voxel's weight stays below 2**62: at most 2**31 samples (checked by the caller) of at most 2**31 each.
+    corners: int64 [V, 3] fixed grid coordinates; faces: int64 [F, 3], already checked against V by the caller's gather. A voxel's
+    weight stays below 2**62: at most 2**31 samples (checked by the caller) of at most 2**31 each.
     """
     # One way of making arrays, np.zeros, in all kernels of this file: each costs a first run a tenth of a second
     rows, slots = np.zeros((1 << log2_bricks, ROW), np.int64), np.zeros(4 << log2_bricks, np.int64)
@@ -125,8 +125,8 @@ def _touched(corners, faces, resolution, walk, log2_bricks, most, total):
 
 @kernel
 def _voxels_of(rows, order, least, keys, weights):
-    """Fills keys and weights int64 [N] with the voxels of bricks int64 [n, ROW] in an order int64 [n], those of a weight of at
-    least `least`; returns how many there are."""
+    """Fills keys and weights int64 [N] with the voxels of weight at least `least`, from bricks int64 [n, ROW] in an order int64
+    [n]. Returns their number."""
     n = 0
     for i in range(order.shape[0]):
         row = order[i]
@@ -140,7 +140,7 @@ def _voxels_of(rows, order, least, keys, weights):
 
 @kernel(allocates=True)
 def _count_samples(corners, faces, per_edge, counts):
-    """Upper bound of the samples of every face into counts int64 [F]; returns their sum (saturating at 2**62)."""
+    """Writes an upper bound of every face's samples to counts int64 [F]. Returns their sum (saturating at 2**62)."""
     g, order = np.zeros((3, 3), np.int64), np.zeros(3, np.int64)
     total = np.int64(0)
     for f in range(faces.shape[0]):
@@ -166,19 +166,19 @@ def _slabs(corners, faces, counts, resolution, threads):
 
 def count_samples(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
                   per_edge: int = SAMPLES_PER_EDGE) -> int:
-    """Upper bound of the samples that voxelise() will take, in time linear in the faces. Arguments as there."""
+    """Upper bound of the samples that voxelise() takes, in time linear in the faces. Arguments as there."""
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
     return int(_count_samples(corners, np.ascontiguousarray(faces, np.int64), per_edge, np.empty(len(faces), np.int64)))
 
 
 def voxelise(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int, area_threshold: int = 0,
              threads: int = 1, max_voxels: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Active voxels of a surface (spec clause 6).
+    """Active voxels of a surface (spec clause 6): (keys int64 [N], ascending Morton keys; weights int64 [N], area in units of
+    2**-32 voxel faces).
 
-    lattice: int64 [V, 3] in 0..2**position_bits-1; faces: int64 [F, 3] in 0..V-1; resolution K: 1..8192.
-    area_threshold: voxels with less than area_threshold / 256 voxel faces of surface are dropped.
-    Returns (keys int64 [N], ascending Morton keys; weights int64 [N], area in units of 2**-32 voxel faces).
-    Raises LimitError when the surface touches more than max_voxels voxels.
+    lattice: int64 [V, 3] in 0..2**position_bits-1; faces: int64 [F, 3] in 0..V-1; resolution K: 1..8192; area_threshold: voxels
+    with less than area_threshold / 256 voxel faces of surface are dropped. Raises LimitError if the surface touches more than
+    max_voxels voxels.
     """
     faces = np.ascontiguousarray(faces, dtype=np.int64)
     if len(faces) == 0:

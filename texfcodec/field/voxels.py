@@ -1,4 +1,4 @@
-"""Voxels as the support of values: sorted keys, and what a surface point asks of them (spec clauses 6 and 8)."""
+"""Voxels as a support: sorted keys, and queries at surface points (spec clauses 6 and 8)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_DROPPED = 0.1  # share of the surface that the area threshold may leave wit
 
 @dataclass(repr=False)
 class VoxelSupport(Keyed):
-    """Voxels that values live in. resolution: K of the full grid; keys, level_shift: as Keyed has them."""
+    """Voxels that hold values. resolution: K of the full grid; keys, level_shift: as in Keyed."""
 
     resolution: int
     keys: np.ndarray
@@ -34,17 +34,17 @@ class VoxelSupport(Keyed):
 
     @property
     def depth(self) -> int:
-        """Levels of the octree over the grid at hand."""
+        """Levels of the octree over the grid at this level."""
         return octree_depth(self.size)
 
     @property
     def size(self) -> int:
-        """Voxels a side of the grid at hand."""
+        """Voxels a side of the grid at this level."""
         return -(-self.resolution >> self.level_shift)
 
     @cached_property
     def brick_map(self) -> BrickMap:
-        """Finds the rank of a voxel; built when it is first asked for."""
+        """Maps voxels to ranks; built at first access."""
         return build_brick_map(self.keys)
 
     def xyz(self) -> np.ndarray:
@@ -52,16 +52,17 @@ class VoxelSupport(Keyed):
         return decode_morton(self.keys)
 
     def query(self, cube: CanonicalCube, points: np.ndarray, values: np.ndarray, threads: int = 1) -> np.ndarray:
-        """Values at surface points (8.2): float32 [M, C]. cube: CanonicalCube; points: float64 [M, 3], world; values: [N, C]."""
+        """Values at surface points (8.2): float32 [M, C]. cube: CanonicalCube; points: float64 [M, 3] in world space; values: [N,
+        C]."""
         grid = cube.to_grid(points, self.resolution) / (1 << self.level_shift)
         return query_field(grid, self.size, self.keys, self.brick_map, values, threads)[0]
 
 
 def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, resolution: int, area_threshold: int,
                 threads: int, most_voxels: int | None) -> tuple[np.ndarray, int]:
-    """Voxels of a decoded surface (lattice, faces), ascending keys int64 [N], and the area threshold that they are kept by:
-    the requested one, unless it would leave more than MOST_DROPPED of the surface without voxels. most_voxels: limit, None
-    without one. Encoder only. Raises LimitError."""
+    """(voxels of a decoded surface (lattice, faces), ascending keys int64 [N]; their area threshold). The threshold is the
+    requested one, or 0 if that would leave more than MOST_DROPPED of the surface without voxels. most_voxels: limit, or None.
+    Encoder only. Raises LimitError."""
     lattice, faces = surface
     keys, weights = voxelise(lattice, faces, position_bits, resolution, 0, threads, most_voxels)
     keep = weights >= area_threshold << 24
@@ -71,7 +72,7 @@ def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, reso
 
 
 def keys_are_sound(keys: np.ndarray, size: int) -> bool:
-    """Whether these are Morton keys of voxels of a grid of `size` a side, ascending, at least one."""
+    """Whether keys are ascending Morton keys of voxels of a grid of `size` a side, at least one."""
     if keys.ndim != 1 or not len(keys):
         return False
     ascending = keys[0] >= 0 and (np.diff(keys) > 0).all() and keys[-1] < 1 << 42

@@ -1,4 +1,4 @@
-"""Channel groups, materials and attribute units, checked against each other (spec clauses 5.3.1, 5.4.1 and 5.7)."""
+"""Checks channel groups, materials and attribute units against each other (spec clauses 5.3.1, 5.4.1 and 5.7)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 
 def material_of(values: dict) -> Material:
-    """The Material of one material's values (5.4.1); -1 stands for the texture of a map that its faces have in their field."""
+    """The Material of one material's syntax values (5.4.1). Its maps have texture -1: their values are in the fields of its
+    faces."""
     flags, maps = values["material_flags"], values["material_channels"]
     parameters = {PARAMETERS[p["parameter_id"]].name: tuple(p["parameter_value"]) for p in values["parameters"]}
     rule = USUAL if values["normal_rule"] is None else rule_of(values["normal_rule"], values["normal_angle"])
@@ -28,13 +29,14 @@ def material_of(values: dict) -> Material:
 
 
 def groups_of(coded: list[dict]) -> tuple[Group, ...]:
-    """The channel groups of their values (5.3.1), already checked."""
+    """The channel groups of their syntax values (5.3.1), which are checked already."""
     return tuple(Group(channels, grey=len(channels) == 1 and values["group_components"] < channels[0].components)
                  for values, channels in zip(coded, channels_of(coded), strict=True))
 
 
 def check_groups(groups: list[dict]) -> None:
-    """Each semantic once, and every group with the components of its semantics, or one of a grey colour (5.3.1)."""
+    """Checks that each semantic occurs once, and that every group has the components of its semantics or the single component of
+    a grey colour (5.3.1). Raises StreamError, SupportError."""
     semantics = [semantic for group in groups for semantic in group["group_semantics"]]
     if len(set(semantics)) != len(semantics):
         raise StreamError("TXF-S04", "two channels have the same group_semantics", clause="5.3.1", value=semantics)
@@ -47,7 +49,8 @@ def check_groups(groups: list[dict]) -> None:
 
 
 def check_level_shift(values: dict, groups: list[dict], most: int) -> None:
-    """The plane of a unit is at most so many levels coarser than its field, and not at all where it shows (5.7)."""
+    """Checks that the plane of a unit is at most `most` levels coarser than its field, and that a plane of base colour or alpha
+    is not coarser at all (5.7). Raises StreamError."""
     if {channel.semantic for channel in COLOURS} & {*groups[values["group_index"]]["group_semantics"]}:
         most = 0
     if values["level_shift"] > most:
@@ -56,7 +59,7 @@ def check_level_shift(values: dict, groups: list[dict], most: int) -> None:
 
 
 def check_material(values: dict) -> None:
-    """Channels that a material may name (5.4.1), and its parameters."""
+    """Checks the channels that a material names (5.4.1), and its parameters. Raises StreamError."""
     allowed = sum(1 << channel.semantic for channel in MAPS)
     if values["material_channels"] & ~allowed:
         raise StreamError("TXF-S04", "material_channels names a channel that no material has", clause="5.4.1",
@@ -65,7 +68,8 @@ def check_material(values: dict) -> None:
 
 
 def _check_parameters(parameters):
-    """In ascending order, each once, and none that says what it would be without it: a material is written one way (5.4.2)."""
+    """Checks that parameters are in ascending order and differ from their defaults, so that a material has a single form
+    (5.4.2)."""
     ids = [p["parameter_id"] for p in parameters]
     if any(a >= b for a, b in zip(ids, ids[1:], strict=False)):
         raise StreamError("TXF-S04", "the parameters of a material are not in ascending order", clause="5.4.2", value=ids)
@@ -76,8 +80,8 @@ def _check_parameters(parameters):
 
 
 def needed_groups(stream: Stream) -> list[list[int]]:
-    """Numbers of the channel groups that each field has planes of (5.7): those of base colour and alpha, and those with a channel
-    that a material of its faces names."""
+    """Numbers of the channel groups that each field has planes of (5.7): the groups of base colour and alpha, and groups with a
+    channel that a material of the field's faces names."""
     groups = channels_of(stream.header["channel_groups"])
     everywhere = {channel.name for channel in COLOURS}
     materials: list[set] = [set() for _ in stream.fields]
@@ -92,8 +96,8 @@ def needed_groups(stream: Stream) -> list[list[int]]:
 
 
 def faults_of_appearance(stream: Stream) -> Iterator[StreamError]:
-    """What materials name is there for every field that has faces of them, and nothing is there that none names (5.3.1,
-    5.4.1): the rules that are broken, as errors."""
+    """Yields an error for each broken rule: every field has the channels that the materials of its faces name, and no others
+    (5.3.1, 5.4.1)."""
     groups = channels_of(stream.header["channel_groups"])
     present = {channel.name for channels in groups for channel in channels}
     used = set()
@@ -110,8 +114,8 @@ def faults_of_appearance(stream: Stream) -> Iterator[StreamError]:
 
 
 def parameter_values(material: Material) -> list[dict]:
-    """Syntax values of a material's parameters (5.4.2), in the order of their numbers; those that are the default in binary32 are
-    left out. Raises InputError."""
+    """Syntax values of a material's parameters (5.4.2), in the order of their numbers, without those that equal the default in
+    binary32. Raises InputError."""
     named = [(p, binary32(material.parameters[p.name])) for p in PARAMETERS if p.name in material.parameters]
     named = [(parameter, value) for parameter, value in named if value != parameter.default]
     for parameter, value in named:

@@ -1,4 +1,4 @@
-"""Reading a .texf file, never more of it than the limit allows."""
+"""Reads a .texf file, at most as many bytes as the limit allows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def read_stream_file(path: str | PathLike, limits: Limits, head: bytes = b"") -> bytes:
-    """Bytes of a .texf file, or of stdin for "-", of which head has been read already. Raises InputError, LimitError."""
+    """Bytes of a .texf file, or of stdin for "-". head: bytes that have been read already. Raises InputError, LimitError."""
     most = -1 if limits.file_bytes is None else max(limits.file_bytes + 1 - len(head), 0)
     try:
         if path == "-":

@@ -1,4 +1,4 @@
-"""A stream described by the names of its syntax elements, without decoding it and without numba."""
+"""Describes a stream by the names of its syntax elements, without decoding it and without numba."""
 
 from ..codecs import codec_of_unit
 from ..codecs.base import PRIVATE_IDS, PROFILES
@@ -19,19 +19,18 @@ from .syntax import (
 )
 
 SCHEMA = 1
-NOT_TOLD: dict = {"qp": None, "codeword_bytes": [], "slice_level": None, "level_bytes": None}
+ABSENT: dict = {"qp": None, "codeword_bytes": [], "slice_level": None, "level_bytes": None}
 _KINDS = {UNIT_GEOMETRY: "geometry", UNIT_ATTRIBUTE: "attributes", UNIT_SHARP_EDGES: "geometry",
           UNIT_CODED_NORMALS: "geometry"}
 
 
 def inspect(data: bytes, limits: Limits | None = None) -> dict:
-    """What stands where in a .texf stream.
+    """Describes the units and elements of a .texf stream.
 
-    data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts ("voxels" of fields over voxels, "texels"
-    of the others), "level" and the "needs" that it follows from (spec 10.1), "profile" (10.3), "fields" (an element that a field
-    does not have is None), "groups" (one per attribute unit: qp, codewords, bytes by octree level where the stream tells) and
-    "units", whose elements with the signature name every byte of the file exactly once. Raises StreamError, LimitError,
-    SupportError.
+    data: bytes; limits: Limits. Returns a JSON-ready dict: "bytes" by kind, counts ("voxels" of fields over voxels, "texels" of
+    the others), "level" and the "needs" that determine it (spec 10.1), "profile" (10.3), "fields" (an element that a field does
+    not have is None), "groups" (one per attribute unit: qp, codewords, bytes by octree level if the stream has them) and "units",
+    whose elements with the signature name every byte of the file exactly once. Raises StreamError, LimitError, SupportError.
     """
     data = bytes(data)
     trace: list[tuple] = []
@@ -63,13 +62,14 @@ def inspect(data: bytes, limits: Limits | None = None) -> dict:
 
 
 def _profile(stream):
-    """The profile that the attribute units are of, None where one is of a private codec."""
+    """The profile that the attribute units require; None if one has a private codec."""
     profiles = [codec_of_unit(unit).profile(unit) for unit in stream.attributes if unit["codec_id"] < PRIVATE_IDS[0]]
     return max(profiles, key=PROFILES.index, default=PROFILES[0]) if len(profiles) == len(stream.attributes) else None
 
 
 def _needs(stream, size):
-    """What a level bounds (spec 10.1), by names of Limits' fields; samples and touched voxels are known later."""
+    """The quantities that a level bounds (spec 10.1), by names of Limits' fields. Samples and touched voxels are known only after
+    decoding."""
     images = [f["width"] * f["height"] for f in stream.fields if f["support"] == SUPPORT_TEXELS]
     return {"file_bytes": size, "vertices": stream.vertices, "faces": stream.faces,
             "voxels": sum(f["num_keys"] for f in stream.fields), "texels": max(images, default=0),
@@ -78,19 +78,19 @@ def _needs(stream, size):
 
 
 def _sharp_edges(stream):
-    """Marked edges and the bytes of their marks, None where there are none."""
+    """Number of marked edges and bytes of their marks; None if there are none."""
     unit = stream.sharp_edges
     return unit and {"num_edges": unit["num_edges"], "bytes": len(unit["marks_data"])}
 
 
 def _coded_normals(stream):
-    """Groups of corners with a coded normal, their step and bytes, None where there are none."""
+    """Number of corner groups with a coded normal, their step and bytes; None if there are none."""
     unit = stream.coded_normals
     return unit and {"num_groups": unit["num_groups"], "normal_step": unit["normal_step"], "bytes": len(unit["residual_data"])}
 
 
 def _unit(data, unit_type, start, begin, end, rows):
-    """One unit with its frame: type and length before the payload, CRC-32 after it."""
+    """Describes one unit with its frame: type and length before the payload, CRC-32 after it."""
     row = lambda name, offset, size, value: {"name": name, "offset": offset, "size": size, "value": value}
     crc = int.from_bytes(data[end : end + 4], "little")
     frame = [row("unit_type", start, 1, unit_type), row("unit_length", start + 1, begin - start - 1, end - begin)]
@@ -100,7 +100,7 @@ def _unit(data, unit_type, start, begin, end, rows):
 
 
 def _skipped_unit(data, skipped):
-    """An unknown ancillary unit: the frame is known, the payload is not."""
+    """Describes an unknown ancillary unit: its frame, and its payload as one element."""
     start, stop = skipped["offset"], skipped["offset"] + skipped["bytes"]
     begin = start + 2
     while data[begin - 1] & 0x80:
@@ -110,14 +110,14 @@ def _skipped_unit(data, skipped):
 
 
 def _groups(stream, unit_bytes):
-    """One entry per attribute unit, with what its codec says of it; None for what only other codecs have."""
+    """Entries by attribute unit, including those of its codec; elements of other codecs are None."""
     out = []
     for values, size in zip(stream.attributes, unit_bytes, strict=True):
         group, codec = stream.header["channel_groups"][values["group_index"]], codec_of_unit(values)
         entry = {"field_index": values["field_index"], "group_index": values["group_index"],
                  "semantic": " + ".join(channel.name for channel in channels_of([group])[0]),
                  "components": group["group_components"], "level_shift": values["level_shift"],
-                 "codec_id": values["codec_id"], "codec": codec.name, "bytes": size, **NOT_TOLD}
+                 "codec_id": values["codec_id"], "codec": codec.name, "bytes": size, **ABSENT}
         if codec.joint:
             entry |= {"semantic": "all fields and groups", "components": values["NumOutputs"]}
         out.append(entry | codec.describe(values))

@@ -1,4 +1,4 @@
-"""The stream as a whole: values of all units in one plain structure, written and read over the tables (spec clause 5)."""
+"""Writes and reads the values of all units over the syntax tables (spec clause 5)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def write_stream(stream: Stream) -> tuple[bytes, dict[str, int]]:
-    """Bytes of a stream, and the byte counts {"geometry", "attributes", "other"}."""
+    """(bytes of a stream, byte counts {"geometry", "attributes", "other"})."""
     sizes = {"geometry": 0, "attributes": 0, "other": len(SIGNATURE)}
     out = bytearray(SIGNATURE)
 
@@ -73,7 +73,8 @@ def cells_a_side(field: dict) -> int:
 
 
 def attribute_variables(stream: Stream, values: dict) -> dict:
-    """Variables that an attribute unit takes from elsewhere: the resolution of its field, the components of its group."""
+    """Variables that the syntax of an attribute unit takes from other units: the resolution of its field, the components of its
+    group."""
     if values["field_index"] >= len(stream.fields):
         raise StreamError("TXF-S09", "an attribute unit refers to a field that does not exist", clause="5.7",
                           value=values["field_index"], allowed=f"< {len(stream.fields)}")
@@ -104,12 +105,12 @@ def _read_attribute(reader, stream, trace):
 
 
 def _most_levels(codec, field):
-    """How many levels the plane of a unit may be coarser than its field: as many as this has, none where it holds all fields."""
+    """Largest level_shift of a unit: the number of levels of its field, 0 if the unit holds all fields."""
     return 0 if codec.joint else octree_depth(cells_a_side(field))
 
 
 def _check_materials_fit(count, reader):
-    """Each material takes at least five bytes; refuses a count that cannot be true before anything is built from it."""
+    """Refuses a number of materials that the bytes cannot hold, before anything is allocated. Each takes at least five bytes."""
     if 5 * count > reader.end - reader.position:
         raise StreamError("TXF-S02", "the data ends inside materials", clause="5.4", value=count)
 
@@ -136,7 +137,7 @@ def read_stream(data: bytes, limits: Limits, trace: list | None = None) -> Strea
 
 
 def read_payload(view: memoryview, unit: Unit, stream: Stream, limits: Limits, rows: list | None = None) -> None:
-    """Adds what a unit holds to the stream of the units before it. rows: as trace of core.syntax_walk.read_structure(). Raises
+    """Adds a unit's values to the stream of the units before it. rows: as trace of core.syntax_walk.read_structure(). Raises
     StreamError, LimitError, SupportError."""
     reader = Reader(view, unit.begin, unit.end)
     _read_elements(unit, reader, stream, limits, rows)
@@ -184,12 +185,12 @@ def _read_elements(unit, reader, stream, limits, rows):
 
 
 def normal_rules(materials: list[dict]) -> list[NormalRule]:
-    """Rules of shading normals of the materials that have one. materials: syntax values."""
+    """Rules of shading normals, of the materials that have a rule. materials: syntax values."""
     return [rule_of(m["normal_rule"], m["normal_angle"]) for m in materials if m["normal_rule"] is not None]
 
 
 def _check_image(field, limits):
-    """A table of the whole image is made before its texels are counted."""
+    """Checks the size of an image, because a table of the whole image is allocated before its texels are counted."""
     if field["support"] != SUPPORT_TEXELS:
         return
     texels = field["width"] * field["height"]
@@ -201,7 +202,7 @@ def _check_image(field, limits):
 
 
 def _check_uv_range(unit):
-    """Quantised UVs have no more steps than their range, so that every one of them comes back exactly."""
+    """Checks that quantised UVs have at most as many steps as their range, so that every UV is exact."""
     if unit["uv_bits"] and unit["uv_range"] >= 1 << unit["uv_bits"]:
         raise StreamError("TXF-S04", "uv_range is out of range", clause="5.6", offset=unit["offset"], value=unit["uv_range"],
                           allowed=f"1..{(1 << unit['uv_bits']) - 1}")
@@ -215,9 +216,9 @@ def _check_size(stream, limits):
 
 
 class _Number(NamedTuple):
-    """A number that two places of a stream tell. needs: types of units that tell it; owner: whose number it is, so that nothing
-    more can be said of units of that type where it is wrong; pair: function of (Stream, number of materials units) that returns
-    what is there and what should be."""
+    """A number that occurs at two places of a stream. what: its name; needs: types of the units that contain it; owner: the unit
+    type that it counts, whose further rules are skipped if the numbers differ; pair: function of (Stream, number of materials
+    units) that returns the actual and the expected value."""
 
     what: str
     clause: str
@@ -248,10 +249,10 @@ def _other_number(what, value, allowed, clause):
 
 
 def faults_over_units(stream: Stream, materials_units: int = 1, broken: set[int] | None = None) -> Iterator[StreamError]:
-    """Counts and cross references over the whole stream (spec 9.2, step 5): each rule that is broken as its error, in order.
+    """Yields an error for each broken rule about counts and cross references in the whole stream (spec 9.2, step 5), in order.
 
-    materials_units: how many there are. broken: for whoever goes on after an error, types of units of which one is not as it
-    should be; rules that need them are left out, and it receives those that are found here.
+    materials_units: number of materials units. broken: set of types of faulty units, for callers that continue after an error.
+    Rules that need these units are skipped, and the types of units with new faults are added.
     """
     broken = set() if broken is None else broken
     for number in _NUMBERS:

@@ -10,8 +10,8 @@ from ..codecs import codec_of_unit
 @dataclass
 class Stream:
     """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; metadata,
-    sharp_edges and coded_normals or None. skipped: unknown ancillary units that were passed over; vertices, faces: of all
-    geometry units that were read."""
+    sharp_edges and coded_normals or None. skipped: unknown ancillary units; vertices, faces: totals over all geometry units so
+    far."""
 
     header: dict
     materials: list = field(default_factory=list)
@@ -27,5 +27,5 @@ class Stream:
 
     @property
     def joint(self) -> dict | None:
-        """Values of the attribute unit that holds all fields and channel groups together (5.7), None where there is none."""
+        """Values of the attribute unit that holds all fields and channel groups together (5.7); None if there is none."""
         return next((a for a in self.attributes if codec_of_unit(a).joint), None)

@@ -1,4 +1,4 @@
-"""Every syntax structure of the bitstream but those of the codecs, which stand with these, as tables (core/syntax_table.py)."""
+"""Syntax tables of the bitstream's structures (core/syntax_table.py). Tables of codecs are in their own modules."""
 
 from ..codecs import our_codecs
 from ..codecs.base import PRIVATE_IDS
@@ -153,7 +153,7 @@ UNITS = {
 
 
 def structures() -> list[Structure]:
-    """Every syntax structure, those of our codecs among them, in the order of their clauses."""
+    """All syntax structures, including those of our codecs, in the order of their clauses."""
     before = [SEQUENCE_HEADER, CHANNEL_GROUP, MATERIALS, MATERIAL, PARAMETER, FIELD, GEOMETRY, ATTRIBUTE]
     of_codecs = [structure for codec in our_codecs() for structure in codec.structures]
     return [*before, *of_codecs, METADATA, SHARP_EDGES, CODED_NORMALS]

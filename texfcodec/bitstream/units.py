@@ -1,4 +1,4 @@
-"""Framing: signature, units with length and CRC-32, and the order in which units may come (spec clauses 5.1 and 5.2)."""
+"""Framing: signature, units with length and CRC-32, and the permitted order of units (spec clauses 5.1 and 5.2)."""
 
 import struct
 import zlib
@@ -26,7 +26,7 @@ ONE_AT_MOST = (UNIT_HEADER, UNIT_MATERIALS, UNIT_METADATA, UNIT_SHARP_EDGES, UNI
 
 @dataclass
 class Unit:
-    """One unit: type, its payload's file range [begin, end), and the whole unit's [start, stop)."""
+    """One unit. type; [begin, end): its payload's range in the file; [start, stop): the range of the whole unit."""
 
     type: int
     begin: int
@@ -40,14 +40,13 @@ class Unit:
 
 
 def write_unit(unit_type: int, payload: bytes) -> bytes:
-    """Type, length, payload and CRC-32 over all three."""
+    """Bytes of a unit: type, length, payload and the CRC-32 over all three."""
     body = bytes([unit_type]) + write_v(len(payload)) + payload
     return body + struct.pack("<I", zlib.crc32(body))
 
 
 def read_frame(data: memoryview, position: int) -> tuple[Unit, bool]:
-    """The unit at a position, and whether its checksum is right. Raises StreamError where its length is none or
-    runs past the end."""
+    """(the unit at a position, whether its checksum matches). Raises StreamError if its length is invalid or exceeds the data."""
     reader = Reader(data, position, len(data))
     unit_type = reader.take(1, "unit_type", "5.2")[0]
     length = reader.read_v("unit_length", "5.2")
@@ -58,13 +57,13 @@ def read_frame(data: memoryview, position: int) -> tuple[Unit, bool]:
 
 
 def wrong_checksum(unit: Unit) -> StreamError:
-    """What is wrong with a unit whose checksum is."""
+    """The error of a unit whose checksum does not match."""
     return StreamError("TXF-S03", f"the checksum of the {UNIT_NAMES.get(unit.type, 'unknown')} unit does not match",
                        clause="5.2", offset=unit.start)
 
 
 def check_start(data: bytes, max_file_bytes: int | None = None) -> None:
-    """Before any unit is looked at (spec 9.2, step 1). Raises LimitError, StreamError."""
+    """Checks the size and the signature of a stream before its units (spec 9.2, step 1). Raises LimitError, StreamError."""
     if max_file_bytes is not None and len(data) > max_file_bytes:
         raise LimitError("TXF-L01", "the stream is larger than the limit", value=len(data), allowed=max_file_bytes)
     if data[: len(SIGNATURE)] != SIGNATURE:
@@ -73,7 +72,7 @@ def check_start(data: bytes, max_file_bytes: int | None = None) -> None:
 
 
 def check_version(data: bytes | memoryview, header: Unit) -> None:
-    """Before anything that follows is looked at: another version may have other units. Raises SupportError."""
+    """Checks the format version before the rest of the stream: another version may have other units. Raises SupportError."""
     if header.begin < header.end and data[header.begin] != VERSION:
         what = "a newer version" if data[header.begin] > VERSION else "version 0, a draft"
         raise SupportError("TXF-U04", "the stream has another "
@@ -82,7 +81,7 @@ def check_version(data: bytes | memoryview, header: Unit) -> None:
 
 
 def check_place(unit: Unit, seen: set[int]) -> None:
-    """Whether a unit may stand behind units of the types seen (spec 5.2). Raises StreamError, SupportError."""
+    """Checks that a unit may follow units of the types seen (spec 5.2). Raises StreamError, SupportError."""
     if not seen and unit.type != UNIT_HEADER:
         raise StreamError("TXF-S07", "the first unit is not the sequence header", clause="5.2", offset=unit.start)
     if unit.type in ONE_AT_MOST and unit.type in seen:
@@ -96,14 +95,14 @@ def check_place(unit: Unit, seen: set[int]) -> None:
 
 
 def is_passed_over(data: bytes | memoryview, unit: Unit) -> bool:
-    """Whether a decoder skips a unit: its type or, of metadata, the format is none of this version's (spec 5.2, 5.8)."""
+    """Whether a decoder skips a unit: this version does not define its type or, for metadata, its format (spec 5.2, 5.8)."""
     if unit.type == UNIT_METADATA and unit.begin < unit.end:
         return data[unit.begin] != METADATA_JSON
     return unit.type not in UNITS
 
 
 def check_end(unit: Unit, length: int) -> None:
-    """Whether an end unit is empty, and the last of so many bytes of a stream (spec 5.9). Raises StreamError."""
+    """Checks that an end unit is empty and ends the stream of `length` bytes (spec 5.9). Raises StreamError."""
     if unit.end != unit.begin:
         raise StreamError("TXF-S08", "the end unit has a payload", clause="5.9", offset=unit.begin)
     if unit.stop != length:
@@ -112,7 +111,7 @@ def check_end(unit: Unit, length: int) -> None:
 
 
 def read_units(data: bytes, max_file_bytes: int | None = None) -> tuple[list[Unit], list[Unit]]:
-    """Splits a stream into units. data: bytes. Returns (units in file order without the end unit, skipped ones).
+    """Splits a stream into units: (units in file order without the end unit, skipped units). data: bytes.
 
     Raises StreamError for a broken frame, wrong order or trailing bytes, SupportError for another version and for an unknown
     critical unit, LimitError for a stream longer than max_file_bytes.

@@ -1,4 +1,4 @@
-"""Syntax elements from the data at hand: header, materials, metadata."""
+"""Converts the encoder's data to syntax values: header, materials, fields, attributes, metadata."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def header_values(materials: list[Material], surface: Surface, geometry: list, num_fields: int, groups: Sequence[Group]) -> dict:
-    """Values of the sequence header (spec 5.3). materials: of the stream; groups: those that are coded. Raises InputError."""
+    """Values of the sequence header (spec 5.3). materials: of the stream; groups: the coded channel groups. Raises InputError."""
     return {
         "version": VERSION, "position_bits": surface.cube.position_bits, "origin": surface.cube.origin, "side": surface.cube.side,
         "num_materials": len(materials), "num_fields": num_fields, "num_geometry_units": len(geometry),
@@ -34,7 +34,7 @@ def header_values(materials: list[Material], surface: Surface, geometry: list, n
 
 
 def material_values(material: Material, rule: NormalRule | None = None) -> dict:
-    """Values of one material (spec 5.4.1). rule: of its shading normals, None for the material's own. Raises InputError."""
+    """Values of one material (spec 5.4.1). rule: of its shading normals; None for the material's own. Raises InputError."""
     rule = material.normals if rule is None else rule
     name = material.name.encode("utf-8", "replace")[:65535].decode("utf-8", "ignore")
     parameters = parameter_values(material)
@@ -47,7 +47,7 @@ def material_values(material: Material, rule: NormalRule | None = None) -> dict:
 
 
 def field_values(number: int, support: VoxelSupport | TexelSupport, threshold: int) -> dict:
-    """Values of a field unit (spec 5.5). threshold: the area threshold that voxels were kept by."""
+    """Values of a field unit (spec 5.5). threshold: area threshold of the voxels."""
     values = {"field_index": number, "num_keys": len(support), "keys_crc": keys_crc(support.keys)}
     if isinstance(support, VoxelSupport):
         return values | {"support": SUPPORT_VOXELS, "resolution": support.resolution, "area_threshold": threshold}
@@ -56,15 +56,15 @@ def field_values(number: int, support: VoxelSupport | TexelSupport, threshold: i
 
 
 def attribute_values(codec: Codec, field: int, group: int, checksum: int, values: dict, shift: int = 0) -> dict:
-    """Values of an attribute unit (spec 5.7). values: of the codec's own parameters; shift: levels that the plane is coarser
-    than its field."""
+    """Values of an attribute unit (spec 5.7). values: the codec's own parameters; shift: number of levels by which the plane is
+    coarser than its field."""
     name = codec.name if codec.id in PRIVATE_IDS else ""
     return {"field_index": field, "group_index": group, "codec_id": codec.id, "codec_name_length": len(name.encode()),
             "codec_name": name, "level_shift": shift, "values_crc": checksum, **values}
 
 
 def metadata_bytes(metadata: dict, options: EncodeOptions, report: Report) -> bytes | None:
-    """The metadata unit's JSON, or None where there is nothing or more than the limit."""
+    """The metadata unit's JSON; None without metadata or if it exceeds the limit, which the report then remarks."""
     if not metadata:
         return None
     raw = json_text(metadata, ensure_ascii=False, separators=(",", ":"), sort_keys=True).encode("utf-8", "replace")

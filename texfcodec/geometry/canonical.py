@@ -46,14 +46,14 @@ class CanonicalCube:
 
 
 def finer_cube(cube: CanonicalCube) -> CanonicalCube:
-    """The cube of the finest lattice on which every place has the grid coordinates that it has on this one's. Encoder only."""
+    """The cube of the finest lattice that gives every place the same grid coordinates as `cube`. Encoder only."""
     side = cube.side * ((1 << MAX_BITS) - 1) / (cube.last << (MAX_BITS - cube.position_bits))
     return CanonicalCube(cube.origin, side, MAX_BITS)
 
 
 def fit_cube(positions: np.ndarray, position_bits: int) -> CanonicalCube:
-    """Canonical cube of a mesh, of side 0 at the origin where there are no positions. positions: float64 [V, 3], finite. Raises
-    InputError for coordinates out of range."""
+    """Canonical cube of a mesh; side 0 at the origin without positions. positions: float64 [V, 3], finite. Raises InputError for
+    coordinates out of range."""
     if len(positions) == 0:
         return CanonicalCube((0.0, 0.0, 0.0), 0.0, position_bits)
     low, high = positions.min(axis=0), positions.max(axis=0)

@@ -1,4 +1,4 @@
-"""The checksum of a geometry unit's faces, whatever order Draco gives them in (spec clause 5.6.3)."""
+"""The checksum of a geometry unit's faces. It does not depend on Draco's order of faces (spec clause 5.6.3)."""
 
 import zlib
 
@@ -12,7 +12,7 @@ _TABLE = np.array([zlib.crc32(bytes([byte ^ 0xFF])) ^ 0xFF000000 for byte in ran
 
 def geometry_crc(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray | None = None) -> int:
     """Sum of the faces' CRC-32, modulo 2**32. lattice: int64 [V, 3] in 0..2**20-1; faces: int64 [F, 3] into lattice; uv: int64
-    [V, 2] in -2**26..2**26, or None. Raises IndexError for a corner that is not there."""
+    [V, 2] in -2**26..2**26, or None. Raises IndexError for a corner out of range."""
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(lattice):
         raise IndexError("a face has a corner that does not exist")
     corners = lattice if uv is None else np.hstack([lattice, uv])
@@ -36,7 +36,7 @@ def _sum_of_faces(corners, faces, table):
 
 @kernel
 def _least_turn(corners, face):
-    """The corner that a face begins with so that its row is lexicographically least."""
+    """Corner 0..2 at which the face's row must start to be lexicographically least."""
     best = 0
     for turn in range(1, 3):
         order = 0

@@ -1,5 +1,5 @@
-"""Corners that share one coded normal, the normal that each group starts from, and the normal that a residual makes of it, all in
-integers, so that every decoder arrives at the same (spec clause 8.4.3)."""
+"""Groups of corners that share a coded normal, their base normals, and the normals that residuals give, in integers so that every
+decoder gets the same (spec clause 8.4.3)."""
 
 from dataclasses import dataclass
 
@@ -14,9 +14,8 @@ _ANGLE = 12  # fractional bits of a right angle
 
 @dataclass(frozen=True)
 class CornerGroups:
-    """group: int64 [3 F], the group of each corner 3 f + c, -1 where it has none; first: int64 [G + 1], corner_of: int64 [C], the
-    corners of group g are corner_of[first[g] : first[g + 1]]; frame: int64 [G, 3, 3], rows x, y and the base normal, of length
-    2**14."""
+    """group: int64 [3 F], the group of each corner 3 f + c, -1 for none; first: int64 [G + 1], corner_of: int64 [C], the corners
+    of group g are corner_of[first[g] : first[g + 1]]; frame: int64 [G, 3, 3], rows x, y and the base normal, of length 2**14."""
 
     group: np.ndarray
     first: np.ndarray
@@ -28,7 +27,7 @@ class CornerGroups:
 
     def normals(self, residuals: np.ndarray, step: int) -> np.ndarray:
         """Normals of the groups, int16 [G, 3] of length about 2**14. residuals: int64 [G, 2], each below 2**14; step: below
-        2**13, of the stereographic projection from the normal opposite to the base, 2**-14 each.
+        2**13, in units of 2**-14 in the stereographic projection from the point opposite to the base normal.
 
         A residual times the step is below 2**27, its square below 2**54, a component of the sum below 2**56.
         """
@@ -38,7 +37,7 @@ class CornerGroups:
         return _unit(reduced((weights[:, :, None] * self.frame).sum(axis=1))).astype(np.int16)
 
     def residuals(self, normals: np.ndarray, step: int) -> np.ndarray:
-        """The residuals that come nearest to normals float64 [G, 3] of length 1: int64 [G, 2] (encoder only)."""
+        """Residuals whose normals are nearest to given ones: int64 [G, 2]. normals: float64 [G, 3] of length 1. Encoder only."""
         along = np.einsum("gak,gk->ga", self.frame / (1 << ONE), normals)
         side = np.hypot(along[:, 0], along[:, 1])[:, None]
         towards = np.where(side > 1e-9, along[:, :2] / np.maximum(side, 1e-9), (1.0, 0.0))
@@ -53,7 +52,7 @@ MOST = 8000  # a residual's magnitude that the encoder writes at most; the synta
 
 def corner_groups(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRule], face_rule: np.ndarray,
                   sharp: np.ndarray) -> CornerGroups:
-    """The groups that have a coded normal, in order: those with a corner whose face's rule is CODED.
+    """The groups that have a coded normal, in order: those with a corner of a face whose rule is CODED.
 
     lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3]; rules: by number; face_rule: int64 [F]; sharp: bool over the edges of
     faces whose rule has marks (spec 8.4.2).
@@ -66,7 +65,7 @@ def corner_groups(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRule
 
 
 def groups_of(lattice: np.ndarray, faces: np.ndarray, coded: np.ndarray, edges: Edges, sharp: np.ndarray) -> CornerGroups:
-    """The same where all edges are known. coded: bool [F]; edges: shared_edges() of the welded faces; sharp: bool [E]."""
+    """As corner_groups(), for known edges. coded: bool [F]; edges: shared_edges() of the welded faces; sharp: bool [E]."""
     vertex, normal = weld(lattice)[faces], reduced_normals(lattice, faces)
     rank, twins = _ranked(vertex)
     parent = joined(np.concatenate([_linked(edges, vertex, normal, sharp), twins]), 3 * len(faces))
@@ -84,8 +83,8 @@ def groups_of(lattice: np.ndarray, faces: np.ndarray, coded: np.ndarray, edges: 
 
 
 def _ranked(vertex):
-    """(Place of every face among all by its positions, the least first, int64 [F], the same for faces of one orientation at the
-    same three positions; pairs of corners of such faces that are at one position, int64 [P, 2])."""
+    """(rank of every face by its positions, int64 [F], equal for faces with the same three positions in the same orientation;
+    pairs of corners of such faces at one position, int64 [P, 2])."""
     first = np.argmin(vertex, axis=1)
     turned = (first[:, None] + np.arange(3)) % 3
     triple = np.take_along_axis(vertex, turned, axis=1)
@@ -100,8 +99,8 @@ def _ranked(vertex):
 
 
 def _linked(edges, vertex, normal, sharp):
-    """Pairs of corners at one end of an edge that is not sharp, int64 [L, 2]; of an edge of more than two faces, those of faces
-    whose normals are not opposed."""
+    """Pairs of corners at one end of an edge that is not sharp, int64 [L, 2]. If more than two faces share the edge, only pairs
+    of faces with a non-negative dot product of their normals."""
     pairs, edge = corner_pairs(edges, vertex.ravel())
     two = np.bincount(edges.edge, minlength=len(edges))[edge] == 2
     facing = (normal[pairs[:, 0] // 3] * normal[pairs[:, 1] // 3]).sum(axis=1) >= 0
@@ -109,8 +108,8 @@ def _linked(edges, vertex, normal, sharp):
 
 
 def _frames(lattice, faces, normal, first, corner_of):
-    """Frames of the groups, int64 [G, 3, 3]. The base is the sum of the faces' unit normals by their angles at the vertex: each
-    product is below 2**28."""
+    """Frames of the groups, int64 [G, 3, 3]. The base normal is the sum of the faces' unit normals, weighted by their angles at
+    the vertex: each product is below 2**28."""
     weighed = _unit(normal)[corner_of // 3] * _corner_angles(lattice, faces)[corner_of][:, None]
     base = _unit(reduced(np.add.reduceat(weighed, first[:-1], axis=0))) if len(corner_of) else np.zeros((0, 3), np.int64)
     base[~base.any(axis=1)] = (0, 0, 1 << ONE)
@@ -120,7 +119,7 @@ def _frames(lattice, faces, normal, first, corner_of):
 
 
 def _corner_angles(lattice, faces):
-    """Angles at the corners, int64 [3 F], about 2**12 for a right one. Edges are brought to 14 bits: dot products are below
+    """Angles at the corners, int64 [3 F], about 2**12 for a right angle. Edges are reduced to 14 bits: dot products are below
     2**30, squares of the cross product's length below 2**60."""
     corners, out = lattice[faces], np.empty((len(faces), 3), np.int64)
     for i in range(3):
@@ -135,7 +134,7 @@ def _corner_angles(lattice, faces):
 
 
 def _unit(vectors):
-    """Vectors int64 [N, 3], their largest component of 14 bits, at length 2**14; 0 stays 0."""
+    """Scales vectors int64 [N, 3] to length 2**14; 0 stays 0. Their largest component has 14 bits."""
     length = _isqrt_of((vectors * vectors).sum(axis=1))
     return (vectors << ONE) // np.maximum(length, 1)[:, None]
 

@@ -1,7 +1,7 @@
 """The Draco substream of a geometry unit: positions, and UVs for a field over texels; edgebreaker, mesh bitstream 2.2 (spec
 clause 5.6).
 
-Draco has no limits of its own, so its header is checked against ours before it sees a byte, and its result after.
+Draco has no limits of its own, so its header is checked against ours before decoding, and its result afterwards.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,8 @@ _HEADER = b"DRACO\x02\x02\x01\x01\x00\x00"  # magic, version 2.2, mesh, edgebrea
 
 @dataclass(frozen=True)
 class UvCoding:
-    """How Draco carries UVs of 0..range, the larger of the two. bits: of the quantisation, 0 where they are plain integers."""
+    """How Draco carries UVs in 0..range, range being the larger of the two columns'. bits: of the quantisation; 0 for plain
+    integers."""
 
     bits: int
     range: int
@@ -35,8 +36,8 @@ def enc_geometry(lattice: np.ndarray, faces: np.ndarray, position_bits: int) -> 
 
 
 def split_corners(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corners with their UVs as points: (vertex of every point int64 [P], its UV int64 [P, 2], faces int64 [F, 3] of points).
-    faces: int64 [F, 3]; uv: int64 [F, 3, 2]. A vertex is there once for every UV that it has."""
+    """Makes a point of every vertex and UV that occur together: (vertex of every point int64 [P], its UV int64 [P, 2], faces
+    int64 [F, 3] of points). faces: int64 [F, 3]; uv: int64 [F, 3, 2]. A vertex has one point for each of its UVs."""
     vertex, (u, v) = faces.reshape(-1), uv.reshape(-1, 2).T
     order = np.lexsort((v, u, vertex))  # a fifth of the time of unique rows
     new = np.zeros(len(order), bool)
@@ -50,10 +51,10 @@ def split_corners(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def enc_textured(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray, position_bits: int) -> tuple[bytes, UvCoding]:
-    """As enc_geometry() with uv, int64 [V, 2], of which the least is 0 in both columns and the largest below 2**MAX_UV_BITS:
-    (bytes, how the UVs stand in them). Draco predicts quantised texture coordinates from the positions, which suits scans, and
-    integers from their neighbours, which suits charts that were drawn by hand (UV bytes -22 to +92 % on seven assets): the
-    smaller is taken."""
+    """(Draco bytes of one unit with UVs, their UvCoding). uv: int64 [V, 2], minimum 0 in both columns, maximum below
+    2**MAX_UV_BITS; the other arguments as in enc_geometry(). Draco predicts quantised texture coordinates from the positions,
+    which suits scans, and integers from their neighbours, which suits charts drawn by hand (UV bytes -22 to +92 % on seven
+    assets). The smaller result wins."""
     if lattice.min() < 0 or lattice.max() >= 1 << position_bits or uv.min(axis=0).any() or uv.max() >= 1 << MAX_UV_BITS:
         raise ValueError("lattice position or UV out of range")
     longest = max(int(uv.max()), 1)
@@ -67,10 +68,10 @@ def enc_textured(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray, positio
 
 
 def _exact_bits(longest):
-    """Least bits of a quantisation of 0..longest after which every whole number comes back.
+    """Least bits of a quantisation of 0..longest that preserves every whole number.
 
-    Draco scales by 2**bits - 1 over longest in 32-bit floats, which moves a number by up to 2**(bits - 22) steps beside the half
-    that rounding takes; where the scale is 1 nothing moves.
+    Draco scales by 2**bits - 1 over longest in 32-bit floats. This moves a number by up to 2**(bits - 22) steps, in addition to
+    half a step of rounding; a scale of 1 moves nothing.
     """
     bits = longest.bit_length()
     last = (1 << bits) - 1
@@ -89,7 +90,8 @@ def _encode(lattice, faces, **attributes):
 
 
 def counts_of(data: bytes, offset: int = 0) -> tuple[int, int]:
-    """(vertices, faces) as the Draco header names them, which must be of the one form that the specification allows (5.6)."""
+    """(vertices, faces) from the Draco header. Raises StreamError if the substream has another form than the specification allows
+    (5.6)."""
     if bytes(data[: len(_HEADER)]) != _HEADER:
         raise StreamError("TXF-S20", "the Draco substream is not an edgebreaker mesh of version 2.2", clause="5.6", offset=offset)
     reader = Reader(data, len(_HEADER), len(data), offset)
@@ -104,7 +106,7 @@ def counts_of(data: bytes, offset: int = 0) -> tuple[int, int]:
 def dec_geometry(data: bytes, vertices: int, faces: int, position_bits: int, offset: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Decodes one unit: (lattice int64 [vertices, 3], faces int64 [faces, 3]).
 
-    Raises StreamError where the substream is not what the unit says, in form, counts or ranges.
+    Raises StreamError if the substream differs from the unit's values in form, counts or ranges.
     """
     mesh = _decode(data, (vertices, faces), [(_POSITION, _UINT32, 3)], offset)
     lattice, triangles = _surface_of(mesh, faces, position_bits, offset)
@@ -116,7 +118,7 @@ def dec_geometry(data: bytes, vertices: int, faces: int, position_bits: int, off
 def dec_textured(data: bytes, vertices: int, faces: int, uv: UvCoding, position_bits: int,
                  offset: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Decodes one unit with UVs: (lattice int64 [P, 3], faces int64 [faces, 3], uv int64 [P, 2] below 2**MAX_UV_BITS). A vertex
-    is there once for every chart that it is in. Raises StreamError as dec_geometry()."""
+    occurs once for every chart that contains it. Raises StreamError as dec_geometry()."""
     kind = (_TEX_COORD, _FLOAT32, 2) if uv.bits else (_GENERIC, _UINT32, 2)
     mesh = _decode(data, (vertices, faces), [(_POSITION, _UINT32, 3), kind], offset)
     lattice, triangles = _surface_of(mesh, faces, position_bits, offset)
@@ -126,7 +128,7 @@ def dec_textured(data: bytes, vertices: int, faces: int, uv: UvCoding, position_
 
 
 def _decode(data, counts, attributes, offset):
-    """DracoPy's mesh, once its counts (vertices, faces) and its attributes (type, data type, components), which are sorted here,
+    """DracoPy's mesh, after checking that its counts (vertices, faces) and its sorted attributes (type, data type, components)
     are those of the unit."""
     import DracoPy
 
@@ -161,7 +163,8 @@ def _surface_of(mesh, faces, position_bits, offset):
 
 
 def _uv_of(mesh, count, coding, offset):
-    """UVs int64 [count, 2]. Quantised ones come back as n / (2**bits - 1) of the range, n whole, which integers then undo."""
+    """UVs int64 [count, 2]. Draco returns quantised UVs as n / (2**bits - 1) of the range with n whole; n is recovered
+    exactly."""
     data = next(np.asarray(a["data"]) for a in mesh.attributes if a["attribute_type"] != _POSITION)
     if data.shape != (count, 2):
         raise StreamError("TXF-S20", "the numbers of UVs and vertices in the Draco substream differ", clause="5.6", offset=offset,
@@ -174,8 +177,8 @@ def _uv_of(mesh, count, coding, offset):
 
 
 def _unquantised(data, coding):
-    """UVs of 32-bit floats, -1 where they stand for no whole number. Draco's own rounding moves them by an eighth of a step at
-    most, so that a quarter leaves no doubt which one is meant."""
+    """Integers from UVs in 32-bit floats; -1 for a UV that is not near a whole number. Draco's own rounding moves a UV by at most
+    an eighth of a step, so a tolerance of a quarter is unambiguous."""
     last = (1 << coding.bits) - 1
     steps = np.nan_to_num(data.astype(np.float64) * (last / coding.range), nan=-1.0)
     number = np.floor(steps + 0.5)

@@ -1,4 +1,4 @@
-"""Edges that faces share, in an order that depends on the geometry alone, and how far they fold (spec clause 8.4.2)."""
+"""Edges that faces share, in an order that depends only on the geometry, and the angle at each (spec clause 8.4.2)."""
 
 from dataclasses import dataclass
 
@@ -17,8 +17,8 @@ NUM_FOLDS = MANY + 1
 @dataclass
 class Edges:
     """Edges of two to MOST_AT_EDGE faces, ascending by their ends. ends: int64 [E, 2] numbers of welded vertices, the lower
-    first; half: int64 [H], the sides 3 f + i of faces, from corner i to the next, edge after edge; edge: int64 [H], whose side
-    each is."""
+    first; half: int64 [H], the sides 3 f + i of faces, from corner i to the next, edge by edge; edge: int64 [H], the edge of each
+    side."""
 
     ends: np.ndarray
     half: np.ndarray
@@ -28,14 +28,14 @@ class Edges:
         return len(self.ends)
 
     def touching(self, faces: np.ndarray) -> np.ndarray:
-        """Edges that at least one of the chosen faces has, bool [E]. faces: bool [F]."""
+        """Edges of the selected faces, bool [E]. faces: bool [F]."""
         out = np.zeros(len(self), bool)
         out[self.edge[faces[self.half // 3]]] = True
         return out
 
 
 def weld(lattice: np.ndarray) -> np.ndarray:
-    """Number of every lattice position among the different ones, ascending by z, y and x: int64 [V]. lattice: int64 [V, 3]."""
+    """Number of every position among the distinct positions, ascending by z, y and x: int64 [V]. lattice: int64 [V, 3]."""
     packed = lattice[:, 0] | (lattice[:, 1] << 20) | (lattice[:, 2] << 40)
     return distinct(packed)[1]
 
@@ -70,10 +70,10 @@ def shared_edges(corners: np.ndarray) -> Edges:
 
 
 def folds(edges: Edges, lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Class of the angle between the faces at each edge, int64 [E] below NUM_FOLDS: by squared cosines in integers, so that all
-    decoders agree. lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3].
+    """Class of the angle between the faces at each edge, int64 [E] below NUM_FOLDS. It compares squared cosines in integers, so
+    that all decoders agree. lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3].
 
-    Components of normals are below 2**42, then brought to NORMAL_BITS bits: dot and squared lengths stay below 2**30, the square
+    Components of normals are below 2**42, then reduced to NORMAL_BITS bits: dot and squared lengths stay below 2**30, the square
     of the dot and the product of lengths below 2**60.
     """
     out = np.full(len(edges), MANY)
@@ -93,15 +93,15 @@ def folds(edges: Edges, lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def coded_edges(lattice: np.ndarray, faces: np.ndarray, marked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Edges that have a mark, in order: (ends int64 [E, 2], fold int64 [E]). lattice: int64 [V, 3]; faces: int64 [F, 3]; marked:
-    bool [F], faces whose material asks for marks."""
+    bool [F], faces whose material has marks."""
     edges = shared_edges(weld(lattice)[faces])
     coded = edges.touching(marked)
     return edges.ends[coded], folds(edges, lattice, faces)[coded]
 
 
 def corner_pairs(edges: Edges, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(Pairs of corners 3 f + c at one end of an edge that two faces share, int64 [L, 2]; the edge, int64 [L]). All pairs of
-    faces at an edge are there, so that their order has no influence. vertex: int64 [3 F], welded."""
+    """(pairs of corners 3 f + c at one end of a shared edge, int64 [L, 2]; the edge of each pair, int64 [L]). All pairs of faces
+    at an edge occur, so their order has no influence. vertex: int64 [3 F], welded."""
     half, edge, pairs, at = edges.half, edges.edge, [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
     other = half - half % 3 + (half + 1) % 3
     for step in range(1, len(half)):
@@ -116,12 +116,13 @@ def corner_pairs(edges: Edges, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def joined(links: np.ndarray, count: int) -> np.ndarray:
-    """Sets of the numbers below count that links, int64 [L, 2], join: each number's set, int64 [count], by first members."""
+    """Set of each number below count after joining pairs of numbers: int64 [count], numbered by first members. links: int64 [L,
+    2]."""
     return components(count, links[:, 0], links[:, 1])
 
 
 def reduced_normals(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Normals of faces as int64 [N, 3] whose largest component has NORMAL_BITS bits; 0 where a face has no area. lattice: int64
+    """Normals of faces as int64 [N, 3] whose largest component has NORMAL_BITS bits; 0 for a face without area. lattice: int64
     [V, 3] below 2**20."""
     u, v = (lattice[faces[:, k]] - lattice[faces[:, 0]] for k in (1, 2))
     return reduced(np.stack([u[:, 1] * v[:, 2] - u[:, 2] * v[:, 1], u[:, 2] * v[:, 0] - u[:, 0] * v[:, 2],

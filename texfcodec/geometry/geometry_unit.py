@@ -1,4 +1,4 @@
-"""Geometry as it decodes: one unit per field and material (spec clause 5.6)."""
+"""Decoded geometry units: one for each field and material (spec clause 5.6)."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -9,7 +9,7 @@ import numpy as np
 @dataclass
 class GeometryUnit:
     """lattice: int64 [V, 3]; faces: int64 [F, 3] into lattice; uv: int64 [V, 2] in steps of 2**-uv_fraction_bits texels of its
-    field, None where the field is over voxels. With uv, a lattice position stands there once for every chart that it is in."""
+    field, None if the field is over voxels. With uv, a lattice position occurs once for every chart that contains it."""
 
     field: int
     material: int
@@ -26,7 +26,7 @@ class LatticeMesh(NamedTuple):
 
 
 def field_surface(units: list, number: int) -> LatticeMesh:
-    """All geometry units of one field, joined."""
+    """Concatenates the geometry units of one field."""
     of_field = [u for u in units if u.field == number]
     starts = np.cumsum([0] + [len(u.lattice) for u in of_field])
     faces = [u.faces + s for u, s in zip(of_field, starts[:-1], strict=True)]

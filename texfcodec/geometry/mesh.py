@@ -1,4 +1,4 @@
-"""A triangle mesh alone, the points on it and the normals of its faces."""
+"""A triangle mesh without appearance, points on it and normals of its faces."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Mesh(NamedTuple):
     faces: np.ndarray
 
     def checked(self) -> Mesh:
-        """The same in contiguous float64 and int64. Raises ValueError for shapes, indices and positions that are none."""
+        """The mesh with contiguous float64 and int64 arrays. Raises ValueError for invalid shapes, indices and positions."""
         positions = np.ascontiguousarray(self.positions, np.float64).reshape(-1, 3)
         faces = np.ascontiguousarray(self.faces, np.int64).reshape(-1, 3)
         if not np.isfinite(positions).all():
@@ -24,8 +24,8 @@ class Mesh(NamedTuple):
         return Mesh(positions, faces)
 
     def frame(self) -> tuple[np.ndarray, float]:
-        """Middle of the box, float64 [3], and half its longest side, 1 where it has none: positions less the middle, divided by
-        this, are in -1..1."""
+        """(middle of the bounding box, float64 [3]; half its longest side, 1 for a box without extent). (positions - middle) /
+        half is in -1..1."""
         if not len(self.positions):
             return np.zeros(3), 1.0
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
@@ -39,7 +39,7 @@ def points_at(mesh: Mesh, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
 
 
 def face_normals(corners: np.ndarray) -> np.ndarray:
-    """Unit normals float64 [M, 3] of triangles [M, 3, 3]; zero where a triangle has no area."""
+    """Unit normals float64 [M, 3] of triangles [M, 3, 3]; zero for a triangle without area."""
     edges = [corners[:, corner, axis] - corners[:, 0, axis] for corner in (1, 2) for axis in range(3)]  # columns: twice as fast
     longest = np.full(len(corners), 1e-300, corners.dtype)
     for column in edges:

@@ -1,8 +1,8 @@
-"""The points of a mesh nearest to given ones, exactly: a tree of boxes over faces in Morton order.
+"""Exact nearest points on a mesh: a tree of boxes over faces in Morton order.
 
-A million points of bball_0001 take 0.7 s to find on it simplified to 35 % of its faces, on one core, and 1.0 s in random order.
-Each search starts from the answer of the one before, so points are taken along a Morton curve: as they come, those in random
-order take 4.2 s. A plane that is farther away than the best answer spares the test of its triangle, which is a third of the time.
+On bball_0001 simplified to 35 % of its faces, a million of its own points take 0.7 s on one core, and 1.0 s in random order. Each
+search starts from the previous result, so the points are sorted along a Morton curve; unsorted, a random order takes 4.2 s. If a
+face's plane is farther than the best result, its triangle is not tested, which saves a third of the time.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _DEEPEST = 64  # of the stack: two for every level, and 2**31 faces have 29
 
 
 class Nearest(NamedTuple):
-    """face: int64 [M]; bary: float64 [M, 3]; distance: float64 [M], to the point of the mesh, in its units."""
+    """Nearest points on a mesh. face: int64 [M]; bary: float64 [M, 3]; distance: float64 [M], in the mesh's units."""
 
     face: np.ndarray
     bary: np.ndarray
@@ -31,7 +31,7 @@ class Nearest(NamedTuple):
 
 
 class NearestPoints:
-    """Finds the points of a mesh that has faces. group: int64 [F], that faces belong to; all to 0 where it is None."""
+    """Finds nearest points on a mesh that has faces. group: int64 [F], a group for each face; None puts all faces in group 0."""
 
     def __init__(self, mesh: Mesh, group: np.ndarray | None = None) -> None:
         mesh = mesh.checked()
@@ -50,9 +50,9 @@ class NearestPoints:
              threads: int = 1) -> Nearest:
         """The nearest points. points: float64 [M, 3]. The result does not depend on threads.
 
-        normals: float64 [M, 3]; a face that looks against the point's normal counts as farther away by `turn`, in the mesh's
-        units, so that of two sheets the one answers that faces the same way; so does a face of another group than the point's,
-        int64 [M], where group is given. distance is that of the point all the same.
+        normals: float64 [M, 3]; a face that points against a point's normal counts as farther by `turn`, in the mesh's units, so
+        that of two sheets the one with the same orientation wins. group: int64 [M]; a face of another group than the point's also
+        counts as farther by `turn`. The returned distance excludes this.
         """
         points = (np.asarray(points, np.float64) - self._middle) / self._half
         order, count = _curve_order(points), len(points)
@@ -72,7 +72,7 @@ class NearestPoints:
 
 @kernel
 def _spread(cell):
-    """The 21 bits of a cell, three apart."""
+    """Spreads the 21 bits of a cell to every third bit."""
     for shift, mask in ((32, 0x1F00000000FFFF), (16, 0x1F0000FF0000FF), (8, 0x100F00F00F00F00F), (4, 0x10C30C30C30C30C3),
                         (2, 0x1249249249249249)):
         cell = (cell | cell << shift) & mask
@@ -81,7 +81,8 @@ def _spread(cell):
 
 @kernel
 def _along_curve(points, out):
-    """Places of points in -1..1, others at its border, along a Morton curve of 21 bits an axis: out int64 [N]."""
+    """Writes the positions of points along a Morton curve of 21 bits an axis to out int64 [N]. Points outside -1..1 are
+    clipped."""
     for i in range(points.shape[0]):
         code = np.int64(0)
         for axis in range(3):
@@ -98,7 +99,7 @@ def _curve_order(points):
 
 
 def _boxes_of(corners):
-    """Boxes of the nodes of a full binary tree, float64 [2 P, 6]: node n has the children 2 n and 2 n + 1, the leaves begin at P,
+    """Boxes of the nodes of a full binary tree, float64 [2 P, 6]. Node n has the children 2 n and 2 n + 1, the leaves begin at P,
     and leaf i holds LEAF faces from LEAF i on. Boxes of leaves without faces are infinitely far. corners: float64 [F, 3, 3]."""
     leaves = -(-len(corners) // LEAF)
     first = 1 << (leaves - 1).bit_length()
@@ -118,7 +119,7 @@ def _boxes_of(corners):
 
 @kernel
 def _to_box(box, x, y, z):
-    """Squared distance of a point to a box."""
+    """Squared distance from a point to a box."""
     u = max(box[0] - x, 0.0, x - box[3])
     v = max(box[1] - y, 0.0, y - box[4])
     w = max(box[2] - z, 0.0, z - box[5])
@@ -166,8 +167,8 @@ def _on_triangle(t, x, y, z):
 
 @kernel(allocates=True)
 def _search(points, normals, group, order, turn, corners, face_normals, face_group, boxes, face, bary, distance):
-    """Fills the rows `order` of face (places in corners), bary and distance. All in units in which the mesh is in -1..1. A group
-    of -1 is any."""
+    """Fills the rows `order` of face (rows of corners), bary and distance. All lengths are in units in which the mesh is in
+    -1..1. Group -1 matches any group."""
     first = boxes.shape[0] // 2
     nodes, far = np.empty(_DEEPEST, np.int64), np.empty(_DEEPEST)
     answer = 0

@@ -1,6 +1,6 @@
-"""Shading normals by rule: which faces around a vertex a corner's normal is made of, and how much each counts (spec clause 8.4).
+"""Shading normals by rule: the faces around a vertex that contribute to a corner's normal, and their weights (spec clause 8.4).
 
-A rule looks across the borders of units, fields and materials, which are no creases.
+A rule ignores the borders of units, fields and materials, which are not creases.
 """
 
 from functools import cached_property
@@ -18,7 +18,8 @@ _CANCELLED = 1e-9  # of the weight that a sum keeps, below which it has no direc
 
 
 class Fans:
-    """The corners 3 f + c around each vertex of a surface, and what rules ask of them. Vertices at one position count as one.
+    """The corners 3 f + c around each vertex of a surface, with the quantities that rules need. Vertices at one position count as
+    one.
 
     lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3]. vertex: int64 [3 F]; unit: float64 [F, 3] normals, 0 without area;
     area: float64 [F], doubled.
@@ -35,7 +36,7 @@ class Fans:
             self._angle[3 * some.start : 3 * some.stop] = _corner_angles(corners)
 
     def weights(self, weight: int) -> np.ndarray:
-        """What each corner counts by AREA, ANGLE or BOTH, float64 [3 F]."""
+        """Weight of each corner by AREA, ANGLE or BOTH, float64 [3 F]."""
         if weight == ANGLE:
             return self._angle
         area = np.repeat(self.area, 3)
@@ -48,8 +49,8 @@ class Fans:
 
     @cached_property
     def links(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(pairs of corners at one end of an edge that two faces share, int64 [L, 2]; the cosine between their normals, float64
-        [L]; the edge, int64 [L]). All pairs of faces at an edge are there, so that their order has no influence."""
+        """(pairs of corners at one end of a shared edge, int64 [L, 2]; the cosine between the normals of their faces, float64
+        [L]; the edge, int64 [L]). All pairs of faces at an edge occur, so their order has no influence."""
         pairs, edge = corner_pairs(self.edges, self.vertex)
         cosine = np.empty(len(pairs))
         for some in _blocks(len(pairs)):
@@ -57,16 +58,16 @@ class Fans:
         return pairs, cosine, edge
 
     def normals(self, rule: NormalRule, chosen: np.ndarray | None = None, sharp: np.ndarray | None = None) -> np.ndarray:
-        """Normals of corners by one rule, float32 [N, 3] of length 1. chosen: int64 [N], None for all; sharp: bool [E], the edges
-        that are marked."""
+        """Normals of corners by one rule, float32 [N, 3] of length 1. chosen: int64 [N], None for all; sharp: bool [E], the
+        marked edges."""
         chosen = np.arange(len(self.vertex)) if chosen is None else chosen
         if rule.is_flat:
             return self._rounded(np.zeros((1, 4)), np.zeros(len(chosen), np.int64), chosen)
         return self.of_sets(self.joined(rule.angle, sharp if rule.kind == MARKED else None), rule.weight, chosen)
 
     def joined(self, angle: int, sharp: np.ndarray | None = None) -> np.ndarray:
-        """The set of every corner, int64 [3 F], where those at one end of an edge are in one if its faces are within the angle
-        and the edge is not among the sharp ones, bool [E]."""
+        """The set of every corner, int64 [3 F]. Two corners at one end of an edge are in one set if the angle between their faces
+        is within `angle` and the edge is not sharp. sharp: bool [E]."""
         pairs, cosine, edge = self.links
         linked = cosine >= NormalRule(JOINED, AREA, angle).cosine
         if sharp is not None:
@@ -74,15 +75,15 @@ class Fans:
         return joined(pairs[linked], len(self.vertex))
 
     def of_sets(self, sets: np.ndarray, weight: int, chosen: np.ndarray) -> np.ndarray:
-        """Normals of corners that are means over sets, float32 [N, 3]. sets: int64 [3 F], a number below 3 F for every corner, of
-        corners at one vertex; chosen: int64 [N]."""
+        """Normals of corners as means over sets, float32 [N, 3]. sets: int64 [3 F] below 3 F; the corners of a set share a
+        vertex. chosen: int64 [N]."""
         total = np.zeros((len(sets), 4))
         _add_up(sets, self.weights(weight), self.unit, total)
         return self._rounded(total, sets[chosen], chosen)
 
     def _rounded(self, total, sets, chosen):
-        """Sums [S, 4] of the sets of chosen corners, as unit vectors; the face's own normal where they cancel, z where it has
-        none either."""
+        """Unit vectors of the sums [S, 4] of the sets of chosen corners. If a sum cancels, the face's own normal; if that is
+        zero, z."""
         out = np.empty((len(chosen), 3), np.float32)
         for some in _blocks(len(chosen)):
             summed = total[sets[some]]
@@ -94,8 +95,8 @@ class Fans:
 
 @kernel
 def _add_up(sets, weights, unit, total):
-    """Adds normals of faces, by the weights of their corners, and the weights to the sums of sets, float64 [S, 4]. sets: int64
-    [3 F] below S, by joined()."""
+    """Adds the normals of faces, weighted by corner, and the weights to the sums of sets, float64 [S, 4]. sets: int64 [3 F] below
+    S, by joined()."""
     for c in range(sets.shape[0]):
         for k in range(3):
             total[sets[c], k] += weights[c] * unit[c // 3, k]
@@ -103,18 +104,18 @@ def _add_up(sets, weights, unit, total):
 
 
 def _blocks(count):
-    """Slices of BLOCK numbers below count: what is computed a block at a time stays in the cache and takes no memory."""
+    """Slices of BLOCK numbers below count. Blockwise intermediate results stay in the cache and need little memory."""
     return [slice(begin, min(begin + BLOCK, count)) for begin in range(0, count, BLOCK)]
 
 
 def _of_groups(groups, normals, fans, chosen):
-    """Coded normals of corners, float32 [N, 3]; those of their faces where a corner is in no group."""
+    """Coded normals of corners, float32 [N, 3]; a corner without a group gets its face's normal."""
     group = groups.group[chosen]
     return _unit(np.where(group[:, None] >= 0, normals[group].astype(np.float64), fans.unit[chosen // 3])).astype(np.float32)
 
 
 def _corner_angles(corners):
-    """Angles in radians at the corners of triangles float64 [F, 3, 3]: [3 F]; 0 where two corners are one."""
+    """Angles in radians at the corners of triangles float64 [F, 3, 3]: [3 F]; 0 if two corners coincide."""
     out = np.zeros((len(corners), 3))
     for i in range(3):
         u, v = (corners[:, (i + k) % 3] - corners[:, i] for k in (1, 2))
@@ -123,7 +124,7 @@ def _corner_angles(corners):
 
 
 def _unit(vectors):
-    """Vectors [N, 3] scaled to length 1; z for those without a direction."""
+    """Vectors [N, 3] scaled to length 1; z for vectors without a direction."""
     length = np.linalg.norm(vectors, axis=1)
     flat = ~(length > 0)
     out = vectors / np.where(flat, 1.0, length)[:, None]
@@ -134,11 +135,11 @@ def _unit(vectors):
 def corner_normals(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRule] | None = None,
                    face_rule: np.ndarray | None = None, sharp: np.ndarray | None = None,
                    coded: tuple[CornerGroups, np.ndarray] | None = None) -> np.ndarray:
-    """Unit normal of every face corner, float32 [F, 3, 3], components in steps of about 1/2048 so that equal ones merge.
+    """Unit normal of every face corner, float32 [F, 3, 3], in steps of about 1/2048 so that equal normals merge.
 
-    lattice: int64 [V, 3]; faces: int64 [F, 3]; rules: by number, the usual one alone where there are none; face_rule: int64 [F];
-    sharp: bool over the edges of faces whose rule asks for marks (spec 8.4.2), None where none does; coded: groups of corners and
-    their normals int16 [G, 3], None where no rule is CODED.
+    lattice: int64 [V, 3]; faces: int64 [F, 3]; rules: by number, or empty for the usual rule alone; face_rule: int64 [F]; sharp:
+    bool over the edges of faces whose rule has marks (spec 8.4.2), None without such a rule; coded: groups of corners and their
+    normals int16 [G, 3], None without a CODED rule.
     """
     rules = [USUAL] if rules is None else rules
     of_corner = np.zeros(3 * len(faces), np.int64) if face_rule is None else np.repeat(face_rule, 3)

@@ -1,4 +1,4 @@
-"""The source mesh on its lattice: equal positions merged, collapsed faces and idle flat ones left out (encoder only)."""
+"""The source mesh on its lattice: equal positions are merged, collapsed faces and idle flat faces removed (encoder only)."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ LEAST_HEIGHT = 2.0**-22  # of a face, in sides of the cube: about what rounding 
 
 @dataclass
 class Surface:
-    """The source on its lattice. cube; lattice: int64 [V, 3], no two alike; faces: int64 [F, 3], three different corners each;
-    origin_face: int64 [F] into the scene's faces; material: int64 [F]."""
+    """The source on its lattice. cube: CanonicalCube; lattice: int64 [V, 3], distinct; faces: int64 [F, 3], three distinct
+    corners each; origin_face: int64 [F] into the scene's faces; material: int64 [F]."""
 
     cube: CanonicalCube
     lattice: np.ndarray
@@ -35,7 +35,7 @@ class Surface:
     material: np.ndarray
 
     def digest(self) -> bytes:
-        """SHA-256 of its arrays, 32 bytes: equal for equal surfaces."""
+        """SHA-256 of the arrays, 32 bytes: equal for equal surfaces."""
         total = sha256(bytes([self.cube.position_bits]))
         for values in (self.lattice, self.faces, self.origin_face, self.material):
             total.update(np.ascontiguousarray(values).data)
@@ -43,7 +43,7 @@ class Surface:
 
 
 class LatticeSettings(Protocol):
-    """What make_surface() reads of a request."""
+    """The settings that make_surface() reads."""
 
     @property
     def position_bits(self) -> int | None:
@@ -51,16 +51,16 @@ class LatticeSettings(Protocol):
 
     @property
     def limits(self) -> Limits:
-        """Of vertices and faces."""
+        """Limits of vertices and faces."""
 
     @property
     def allow_empty(self) -> bool:
-        """Whether a surface without faces will do."""
+        """Whether a surface without faces is acceptable."""
 
 
 def make_surface(scene: Scene, options: LatticeSettings) -> Surface:
-    """Puts the scene on the lattice, merges equal positions and leaves out faces that have lost a corner, and flat ones that
-    close no gap (Surface)."""
+    """The Surface of a scene: on the lattice, with equal positions merged, and without faces that have collapsed and flat faces
+    that close no gap. Raises InputError, LimitError."""
     limits = options.limits
     for code, what, count, limit in (("TXF-L02", "vertices", len(scene.positions), limits.vertices),
                                      ("TXF-L03", "faces", len(scene.faces), limits.faces)):
@@ -77,10 +77,11 @@ def make_surface(scene: Scene, options: LatticeSettings) -> Surface:
 
 def place_mesh(cube: CanonicalCube, points: np.ndarray, faces: np.ndarray, material: np.ndarray,
                thin: Callable[[np.ndarray], np.ndarray] | None = None) -> Surface:
-    """The Surface of a mesh on its lattice: equal positions merged, faces that have lost a corner and idle flat ones left out.
+    """The Surface of a mesh on its lattice: equal positions are merged, collapsed faces and idle flat faces removed.
 
-    points: int64 [V, 3] in 0..cube.last; faces: int64 [F, 3], by whose numbers the surface's origin_face goes; material: int64
-    [F]; thin: of faces, int64 [N], which count as flat beside those that are flat on the lattice, bool [N].
+    points: int64 [V, 3] in 0..cube.last; faces: int64 [F, 3], which origin_face of the result indexes; material: int64 [F]; thin:
+    function of face numbers int64 [N] that returns bool [N], the faces to treat as flat besides those that are flat on the
+    lattice.
     """
     packed = points[:, 0] | (points[:, 1] << 20) | (points[:, 2] << 40)
     unique, place, _ = distinct(packed)
@@ -95,7 +96,7 @@ def place_mesh(cube: CanonicalCube, points: np.ndarray, faces: np.ndarray, mater
 
 
 def flat_faces(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Faces whose corners are on one line of the lattice, bool [F]. lattice: int64 [V, 3] below 2**20, so that all is exact;
+    """Faces whose corners are collinear on the lattice, bool [F]. lattice: int64 [V, 3] below 2**20, so that the test is exact;
     faces: int64 [F, 3]."""
     u, v = edge_columns(lattice, faces)  # products of whole numbers below 2**20 are exact in binary64, too
     flat = np.ones(len(faces), bool)
@@ -105,9 +106,9 @@ def flat_faces(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def thin_faces(positions: np.ndarray, faces: np.ndarray, side: float, chosen: np.ndarray) -> np.ndarray:
-    """Which of chosen faces of the source, int64 [N], are less high than LEAST_HEIGHT sides, bool [N]. They have no area to show,
-    but rounding to the lattice can give them some. positions: float64 [V, 3]; faces: int64 [F, 3]; side: of the canonical cube,
-    above 0."""
+    """Source faces lower than LEAST_HEIGHT times the side of the cube, bool [N]. Such faces have no visible area, but rounding to
+    the lattice can give them some. positions: float64 [V, 3]; faces: int64 [F, 3]; side: above 0; chosen: int64 [N], the faces to
+    test."""
     u, v = ([column / side for column in edge] for edge in edge_columns(positions, faces[chosen]))
     w = [c - b for b, c in zip(u, v, strict=True)]
     base = np.sqrt(np.max([e[0] * e[0] + e[1] * e[1] + e[2] * e[2] for e in (u, v, w)], axis=0))
@@ -115,11 +116,11 @@ def thin_faces(positions: np.ndarray, faces: np.ndarray, side: float, chosen: np
 
 
 def idle_faces(faces: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Flat faces that close no gap, bool [F]: those whose edge-connected component has no other faces, and those that hang on to
-    others by one edge at most, again and again. None where all are flat: then they are all there is to see.
+    """Flat faces that close no gap, bool [F]: those in edge-connected components of flat faces alone, and, repeatedly, those that
+    share at most one edge with others. If all faces are flat, none is idle, because nothing else would be visible.
 
-    A flat face between others stays: without it, the corner in the middle of its long edge would leave a crack there.
-    faces: int64 [F, 3] over welded vertices; flat: bool [F].
+    A flat face between others stays: without it, the corner in the middle of its long edge would leave a crack there. faces:
+    int64 [F, 3] over welded vertices; flat: bool [F].
     """
     idle = np.zeros(len(faces), bool)
     if not flat.any() or flat.all():
@@ -142,8 +143,8 @@ def _components(edge):
 
 
 def _peeled(edge, flat, gone):
-    """Numbers of the flat faces that come off one after the other, each when it shares one edge at most: list. Per edge, the
-    exclusive or of the faces at it is the last one's number when one is left."""
+    """Numbers of the flat faces that peel off one after the other, each while it shares at most one edge: list. For each edge the
+    exclusive or of its faces' numbers is kept; once a single face is left, this is its number."""
     rows = np.flatnonzero(~gone)
     users = np.bincount(edge[rows].reshape(-1), minlength=int(edge.max()) + 1)
     numbers = np.zeros(len(users), np.int64)

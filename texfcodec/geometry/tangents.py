@@ -1,8 +1,8 @@
-"""Tangents of face corners, for normal maps of files that bring none: what glTF asks for, MikkTSpace, up to how it splits groups.
+"""Tangents of face corners, for normal maps of files without tangents: MikkTSpace, as glTF requires, except in how it splits
+groups.
 
-A corner's tangent is the direction along which u grows, laid into the plane of its normal, averaged over the faces that meet
-there with the same position, UV and normal, weighed by their angles. Charts seen from behind (mirrored) are averaged on their
-own.
+A corner's tangent is the direction in which u grows, projected to the plane of its normal. It is averaged over the faces that
+meet there with the same position, UV and normal, weighted by their angles. Mirrored charts are averaged separately.
 """
 
 import numpy as np
@@ -13,12 +13,12 @@ FLAT = 1e-30  # what is shorter, in world units or products of UVs, has no direc
 
 
 def corner_tangents(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, corner_normal: np.ndarray) -> np.ndarray:
-    """Unit tangents float32 [F, 3, 4] of every face corner, orthogonal to its normal; the last column is the bitangent's sign, 1
-    or -1: the bitangent is cross(normal, tangent) times it and points where v falls, as glTF counts v downwards.
+    """Unit tangents float32 [F, 3, 4] of every face corner, orthogonal to its normal. The last column is the bitangent's sign s,
+    1 or -1: the bitangent is s cross(normal, tangent) and points to where v falls, as v points down in glTF.
 
     positions: float64 [V, 3]; faces: int64 [F, 3]; corner_uv: float64 [F, 3, 2]; corner_normal: float32 [F, 3, 3], unit. Corners
-    of a face whose UVs have no area, or are not finite, have none: zeros. Where a face's directions cancel at a corner or lie
-    along its normal, that has some tangent orthogonal to the normal.
+    of faces whose UVs have no area, or are not finite, get zeros. If the directions at a corner cancel or are parallel to its
+    normal, the tangent is an arbitrary direction orthogonal to the normal.
     """
     corners = _finite(positions)[faces]
     uv, normal = _finite(corner_uv), _unit(_finite(corner_normal).reshape(-1, 3))[0]
@@ -36,7 +36,8 @@ def corner_tangents(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndar
 
 
 def has_uv_area(corner_uv: np.ndarray) -> np.ndarray:
-    """Whether the UVs of faces, [F, 3, 2], integers or reals, have an area: bool [F]. Exact for integers below 2**25."""
+    """Whether the UVs of faces have an area: bool [F]. corner_uv: [F, 3, 2], integers or reals. Exact for integers below
+    2**25."""
     with np.errstate(invalid="ignore", over="ignore"):
         u, v = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
         area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
@@ -48,8 +49,7 @@ def _finite(values):
 
 
 def _face_tangents(corners, uv):
-    """Directions [F, 3] along which u grows, unit or zero, and the sign [F] of the chart with v upwards: 1, -1, 0 without
-    area."""
+    """(directions [F, 3] in which u grows, unit or zero; sign [F] of the chart with v upwards: 1, -1, 0 without area)."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     (u1, v1), (u2, v2) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
     sign = np.sign(u2 * v1 - u1 * v2)
@@ -58,14 +58,14 @@ def _face_tangents(corners, uv):
 
 
 def _angles(corners, normal):
-    """Angles [3 F] at the corners, between the edges laid into the plane of the normal."""
+    """Angles [3 F] at the corners, between the edges projected to the plane of the normal."""
     normal = normal.reshape(-1, 3, 3)
     edges = [_unit(_within(np.roll(corners, -turn, axis=1) - corners, normal))[0] for turn in (1, 2)]
     return np.arccos(np.clip(np.einsum("fck,fck->fc", *edges), -1, 1)).ravel()
 
 
 def _groups(*columns):
-    """Number int64 [N] of each row's group: rows of all columns are equal by value."""
+    """Group number int64 [N] of each row: rows of one group are equal in all columns."""
     group = np.zeros(len(columns[0]), np.int64)
     for column in np.column_stack(columns).T:
         bits = (column + 0.0).view(np.int64)  # one pattern for each value, 0 and -0 alike
@@ -74,12 +74,12 @@ def _groups(*columns):
 
 
 def _within(vectors, normal):
-    """What is left of vectors in the plane of the normals."""
+    """Components of vectors in the plane of the normals."""
     return vectors - np.sum(vectors * normal, axis=-1, keepdims=True) * normal
 
 
 def _unit(vectors):
-    """Vectors of length 1, or 0 for those too short for a direction, and whether each has one."""
+    """(vectors scaled to length 1, or 0 for those too short for a direction; whether each has a direction)."""
     largest = np.abs(vectors).max(axis=-1, keepdims=True)  # first, so that no square is out of range
     scaled = vectors / np.where(largest > FLAT, largest, 1)
     length = np.sqrt(np.sum(scaled * scaled, axis=-1, keepdims=True))
@@ -88,6 +88,6 @@ def _unit(vectors):
 
 
 def _across(normal):
-    """Some unit direction orthogonal to each normal [N, 3]; x for a normal without length."""
+    """An arbitrary unit direction orthogonal to each normal [N, 3]; x for a normal of length 0."""
     axis = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
     return _unit(_within(axis, normal))[0]

@@ -1,7 +1,7 @@
-"""The registry of codecs. Whoever needs one asks here, by the name that users type or by the id that a stream holds.
+"""The registry of codecs. It returns a codec by the name that users type or by the id in a stream.
 
-A package of somebody else registers a codec as an entry point of the group texfcodec.codecs: its name is the codec's, its value a
-class derived from base.PlaneCodec or base.JointCodec with an id of PRIVATE_IDS.
+Another package registers a codec as an entry point of the group texfcodec.codecs. The entry point has the codec's name and refers
+to a class derived from base.PlaneCodec or base.JointCodec with an id of PRIVATE_IDS.
 """
 
 from contextlib import suppress
@@ -24,7 +24,7 @@ def _ours(name: str) -> Codec:
 
 
 def _points() -> list:
-    """Entry points of GROUP. One list that cannot be parsed, of whatever package, is passed over: the others stay."""
+    """Entry points of GROUP. If the entry points of any package cannot be parsed, those of that package are skipped."""
     try:
         return list(entry_points(group=GROUP))
     except Exception:
@@ -37,7 +37,7 @@ def _points() -> list:
 
 @lru_cache(maxsize=1)
 def _plugins() -> dict:
-    """Codecs of other packages by name, as they were registered: nothing of them is loaded yet. A name of ours stays ours."""
+    """Entry points of plug-in codecs by name, not yet loaded. A plug-in cannot replace one of our codecs."""
     plugins: dict = {}
     for point in _points():
         if point.name not in OURS:
@@ -47,7 +47,7 @@ def _plugins() -> dict:
 
 @lru_cache(maxsize=64)
 def _plugin(name: str) -> Codec:
-    """The codec behind an entry point. Its class and id are checked; what it does later raises its own exceptions."""
+    """The codec of an entry point, with its class and id checked. Exceptions of its later calls pass through unchanged."""
     points = _plugins()[name]
     if len(points) > 1:
         raise SupportError("TXF-U08", f"several plug-ins register a codec named {name!r}",
@@ -72,12 +72,12 @@ def our_codecs() -> list[Codec]:
 
 
 def codec_names() -> list[str]:
-    """What --codec takes: the codecs of the specification that a user may choose, then those of plug-ins."""
+    """Values of --codec: the codecs of the specification that users may choose, then those of plug-ins."""
     return [codec.name for codec in our_codecs() if codec.chosen] + sorted(_plugins())
 
 
 def codec_of(name: str) -> Codec:
-    """The codec of this name. Raises SupportError for an unknown one and for a plug-in that cannot be used."""
+    """The codec of this name. Raises SupportError for an unknown name and for a plug-in that cannot be used."""
     if isinstance(name, str):
         if name in OURS:
             return _ours(name)
@@ -87,7 +87,8 @@ def codec_of(name: str) -> Codec:
 
 
 def codec_of_unit(values: dict) -> Codec:
-    """The codec of an attribute unit's values (5.7): by id, or by name and id where the id is private. Raises SupportError."""
+    """The codec of an attribute unit (5.7): by id, or by name and id if the id is private. values: of the unit. Raises
+    SupportError."""
     number, name = values["codec_id"], values.get("codec_name")
     if number not in PRIVATE_IDS:
         for ours, (id, *_) in OURS.items():
@@ -106,14 +107,14 @@ def codec_of_unit(values: dict) -> Codec:
 
 
 def plane_codec_of_unit(values: dict) -> PlaneCodec:
-    """codec_of_unit() of a stream without a joint unit."""
+    """codec_of_unit() for the units of a stream without a joint unit."""
     codec = codec_of_unit(values)
     assert isinstance(codec, PlaneCodec)
     return codec
 
 
 def joint_codec_of_unit(values: dict) -> JointCodec:
-    """codec_of_unit() of Stream.joint."""
+    """codec_of_unit() for Stream.joint."""
     codec = codec_of_unit(values)
     assert isinstance(codec, JointCodec)
     return codec

@@ -1,5 +1,5 @@
-"""Residuals of shading normals, two numbers a group of corners, with a model for how large those of its neighbours are (spec
-clause 8.4.4)."""
+"""Codes residuals of shading normals, two numbers for each group of corners. The sizes of the neighbours' residuals select the
+contexts (spec clause 8.4.4)."""
 
 from typing import NamedTuple
 
@@ -28,7 +28,7 @@ NUM_CONTEXTS = _PREFIX + MOST_PREFIX
 
 
 class _Ring(NamedTuple):
-    """As in CornerGroups: int64 arrays; size: int64 [G], of the residuals that are known."""
+    """Arrays of CornerGroups, int64. size: int64 [G], sizes of the residuals coded so far."""
 
     group: np.ndarray
     first: np.ndarray
@@ -38,7 +38,7 @@ class _Ring(NamedTuple):
 
 @kernel
 def _class(ring, g):
-    """Class of the neighbours of group g that come before it: the other corners of the faces around it."""
+    """Class of group g by the residuals of its neighbours before it: the other corners of the faces around it."""
     total, count = np.int64(0), np.int64(0)
     for i in range(ring.first[g], ring.first[g + 1]):
         corner = ring.corner_of[i]
@@ -80,7 +80,7 @@ def _enc_number(coder, contexts, base, zero, value):
 
 @kernel
 def _dec_number(coder, contexts, base, zero):
-    """Mirror of _enc_number; below 2**14 in magnitude, whatever the bytes are."""
+    """Mirror of _enc_number; below 2**14 in magnitude, for any bytes."""
     if _dec_bit(coder.state, coder.buffer, coder.end, contexts, base + zero) == 0:
         return np.int64(0)
     negative = _dec_bypass(coder.state, coder.buffer, coder.end)
@@ -123,7 +123,7 @@ def _ring(groups):
 
 
 def enc_residuals(residuals: np.ndarray, groups: CornerGroups) -> bytes:
-    """Bytes of the residuals of groups. residuals: int64 [G, 2] of magnitudes up to 8000."""
+    """Codeword of the residuals of groups. residuals: int64 [G, 2] of magnitudes up to 8000."""
     out = np.empty(10 * len(groups) + 16, np.uint8)
     coder = Coder(new_encoder(), out, 0)
     _enc_residuals(coder, new_contexts(NUM_CONTEXTS), _ring(groups), np.ascontiguousarray(residuals, np.int64))

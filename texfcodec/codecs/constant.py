@@ -1,4 +1,4 @@
-"""All values of a plane are equal: a few bytes and no time (codec_id 2, spec clause 5.7.6)."""
+"""A plane with a single value takes a few bytes and no time (codec_id 2, spec clause 5.7.6)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PROBE = 64  # values looked at before all of them are
 
 
 class Constant(PlaneCodec):
-    """One value for every voxel. The encoder takes it by itself where rounded values do not differ."""
+    """One value for every voxel. The encoder selects it if all rounded values are equal."""
 
     id, name = 2, "constant"
     structures = (CONSTANT,)

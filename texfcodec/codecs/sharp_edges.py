@@ -1,4 +1,5 @@
-"""Marks of sharp edges, one bit an edge, with a model for how far it folds and what its neighbours are (spec clause 8.4.2)."""
+"""Codes marks of sharp edges, one bit each. The angle at the edge and the marks of its neighbours select the context (spec clause
+8.4.2)."""
 
 import numpy as np
 
@@ -13,7 +14,7 @@ NUM_CONTEXTS = NUM_FOLDS * _SHARP**2 * _CODED**2
 
 @kernel
 def _context(ends, fold, met, i):
-    """Context of edge i. met: int64 [V, 2], edges coded so far at a vertex, and how many of them are sharp."""
+    """Context of edge i. met: int64 [V, 2], number of edges coded so far at a vertex, and number of sharp edges among them."""
     a, b = ends[i, 0], ends[i, 1]
     sharp_a, sharp_b = min(met[a, 1], MOST_SHARP), min(met[b, 1], MOST_SHARP)
     coded_a, coded_b = min(met[a, 0], MOST_CODED), min(met[b, 0], MOST_CODED)
@@ -51,7 +52,7 @@ def _scratch(ends):
 
 
 def enc_marks(marks: np.ndarray, ends: np.ndarray, fold: np.ndarray) -> bytes:
-    """Bytes of the marks of edges. marks: bool [E]; ends: int64 [E, 2]; fold: int64 [E] below NUM_FOLDS (geometry.edges)."""
+    """Codeword of the marks of edges. marks: bool [E]; ends: int64 [E, 2]; fold: int64 [E] below NUM_FOLDS (geometry.edges)."""
     out = np.empty(2 * len(ends) + 16, np.uint8)
     contexts, met = _scratch(ends)
     coder = Coder(new_encoder(), out, 0)

@@ -45,10 +45,10 @@ FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level 
 
 @dataclass(frozen=True)
 class Tools:
-    """What the attribute coder may use. kernel, colour_range: prediction (clause 7.3); models: 0 for direct contexts, else how
-    many are mixed (7.5.5), at most 8; filters: stages of the filter (7.7), at most 3; trade_off: squared steps that are worth a
-    bit. component_cross: 0..16, how far components follow the first (7.4.4). planar: whether z = 0 for all voxels;
-    planar_transform, dct_blocks: 0 or 1, 0 where it is not (7.11); dct_blocks need models."""
+    """Tools of the attribute coder. kernel, colour_range: prediction (clause 7.3); models: 0 for direct contexts, else the number
+    of mixed models (7.5.5), at most 8; filters: stages of the filter (7.7), at most 3; trade_off: squared steps per bit;
+    component_cross: 0..16, how far components follow the first (7.4.4); planar: whether z = 0 for all voxels; planar_transform,
+    dct_blocks: 0 or 1, 0 unless planar (7.11); dct_blocks need models."""
 
     kernel: tuple = DEFAULT_KERNEL
     colour_range: int = 0
@@ -63,10 +63,10 @@ class Tools:
 
 @dataclass
 class CodedAttributes:
-    """Everything the attribute unit carries. colour_range, models, filters and planar to dct_blocks: see Tools and FilterStage;
-    residual: 0 or the largest error plus 1; residual_cross: [C] where there are residuals; root: [C] means; slice_first: first
-    node of each slice at slice_level; codewords: trunk first (only where slice_level > 0), then one per slice; level_bytes: per
-    codeword, the bytes a decoder has read when it has finished each of its levels, as increments."""
+    """Content of an attribute unit. colour_range, models, filters and planar to dct_blocks: see Tools and FilterStage; residual:
+    0 or the largest error plus 1; residual_cross: [C], if there are residuals; root: [C] means; slice_first: first node of each
+    slice at slice_level; codewords: trunk first (only if slice_level > 0), then one per slice; level_bytes: for each codeword and
+    level, the number of bytes that a decoder has read after the level, minus those before it."""
 
     qp: list
     kernel: list
@@ -87,7 +87,7 @@ class CodedAttributes:
 
 
 def octree_of(support: VoxelSupport | TexelSupport) -> Octree:
-    """The octree over a support's keys, which the support keeps for all planes on it."""
+    """The octree over a support's keys, cached in the support for all planes on it."""
     return support.kept("octree", lambda: Octree(support.keys, support.depth, int(support.planar)))
 
 
@@ -109,7 +109,7 @@ def _original_means(levels, values):
 
 
 def _plan_slices(levels, deepest):
-    """Slice level, at most `deepest`, and the first node of each slice, by equal numbers of voxels."""
+    """(slice level, at most `deepest`; first node of each slice, by equal numbers of voxels)."""
     voxels = len(levels[-1])
     if voxels < WHOLE_VOXELS:
         return 0, [0]
@@ -121,7 +121,7 @@ def _plan_slices(levels, deepest):
 
 
 class _Descent:
-    """What encoder and decoder keep while walking down: the neighbour table, the energies and the means of one level."""
+    """State of encoder and decoder on the way down: the neighbour table, the energies and the means of one level."""
 
     def __init__(self, octree, root, tools, pool):
         assert octree.planar == tools.planar  # by which the kernels look into its tables
@@ -146,7 +146,7 @@ class _Descent:
         return Blocks(nodes, Means(self.mean, child_mean), self.above, energy, self.kept_above, kept, self.dct)
 
     def descend(self, depth, blocks, ranges):
-        """Moves to the level below `depth`; `ranges` are the node ranges of the slices, for parallel table building."""
+        """Moves to the level below `depth`. ranges: node ranges of the slices, for parallel table building."""
         level = self.levels[depth]
         self.mean = blocks.means.child
         self.above = np.repeat(blocks.energy, np.diff(level.first_child), axis=0)
@@ -156,7 +156,7 @@ class _Descent:
 
 
 def _ranges(levels, depth, slice_level, slice_first):
-    """Node ranges of the trunk (one range) or of the slices at `depth`."""
+    """Node ranges at `depth`: of the trunk (one range) or of the slices."""
     if depth < slice_level:
         return [(0, len(levels[depth]))]
     first = np.array(slice_first, np.int64)
@@ -171,18 +171,18 @@ def _level_class(levels, depth):
 
 
 class _SliceEncoder:
-    """One codeword in the making: coder state, contexts, the bytes so far and how many a decoder needs for each level."""
+    """Encoder of one codeword: coder state, contexts, the bytes so far and the number that a decoder needs for each level."""
 
     def __init__(self, model, scratch):
         self.state, self.model, self.scratch = new_encoder(), model, scratch
         self.chunks, self.written, self.level_bytes = [], 0, []
 
     def _reached(self):
-        """Bytes that a decoder has read by now."""
+        """Number of bytes that a decoder has read by now."""
         return self.written + int(self.state[PENDING] + (self.state[CACHE] >= 0)) + START_BYTES
 
     def code(self, symbols, rules, blocks, wanted, begin, end):
-        """Codes one level of `symbols` coefficients; the others are arguments of the level kernels."""
+        """Codes one level of `symbols` coefficients. The other arguments are those of the level kernels."""
         enc_level = _enc_mixed_level if rules.models else _enc_direct_level
         before = self._reached() if self.level_bytes else 0
 
@@ -201,8 +201,8 @@ class _SliceEncoder:
         self._write(symbols, lambda out: walk(True, Coder(self.state, out, 0), self.model))
 
     def _write(self, symbols, write):
-        """Calls write(out). The buffer fits what as many symbols usually take; where it is filled, they are coded again from the
-        same state into a larger one."""
+        """Calls write(out) with a buffer that fits the usual bytes of `symbols` symbols. If it overflows, they are coded again
+        from the same state into a larger buffer."""
         state, model, room = self.state.copy(), copy_model(self.model), FIRST_ROOM + symbols
         while True:
             out = np.empty(room + int(self.state[PENDING]), np.uint8)
@@ -215,7 +215,8 @@ class _SliceEncoder:
         self.written += len(self.chunks[-1])
 
     def codeword(self):
-        """Ends the codeword; trailing zero bytes are left out, the decoder reads zeros past the end."""
+        """Ends the codeword and returns its bytes. Trailing zero bytes are omitted, because the decoder reads zeros past the
+        end."""
         out = np.empty(FIRST_ROOM + int(self.state[PENDING]), np.uint8)
         self.state[POS] = 0
         return b"".join([*self.chunks, finish(self.state, out)]).rstrip(b"\0")
@@ -237,8 +238,8 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
                    octree: Octree | None = None) -> tuple[CodedAttributes, np.ndarray]:
     """Codes values int32 [N, C] (12 fractional bits) on ascending Morton keys int64 [N]; qp: [C] in 0..63; tools: Tools.
 
-    Returns (CodedAttributes, what the decoder will have: int32 [N, C], or with a ResidualPlan uint8 values). The result does not
-    depend on `threads`. octree: of these keys, where there is one already.
+    Returns (CodedAttributes, decoded means int32 [N, C], or with a ResidualPlan decoded values uint8 [N, C]). The result does not
+    depend on `threads`. octree: of these keys, if it exists already.
     """
     tools = tools or Tools()
     octree = octree or Octree(keys, depth, tools.planar)
@@ -290,13 +291,13 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
 def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: np.ndarray, spans: list[tuple[int, int]],
                    stop_level: int, threads: int = 1, inverse: Callable | None = None,
                    reached: list[list[int]] | None = None, octree: Octree | None = None) -> np.ndarray:
-    """Decodes levels 0..stop_level: means int32 [n, C] of that level's nodes, in Morton order, or where `inverse` is given the
-    values uint8 [n, C] that it makes of them, with their residuals.
+    """Decodes levels 0..stop_level. Returns the means int32 [n, C] of that level's nodes, in Morton order, or, if `inverse` is
+    given, the values uint8 [n, C] that it computes from them, including their residuals.
 
-    keys: int64 [N] of all active voxels; coded: CodedAttributes without codewords; data: uint8, the unit's payload;
-    spans: (begin, end) of each codeword in data, checked by the caller against len(data). reached: list that receives, for each
-    codeword, how many of its bytes have been read after each of its levels, and after its residuals; octree: of these keys, where
-    there is one already. Raises StreamError for slices that begin past the nodes of their level.
+    keys: int64 [N] of all active voxels; coded: CodedAttributes without codewords; data: uint8, the unit's payload; spans:
+    (begin, end) of each codeword in data, checked by the caller against len(data); reached: list that receives, for each
+    codeword, the number of its bytes read after each of its levels, and after its residuals; octree: of these keys, if it exists
+    already. Raises StreamError for slices that begin past the nodes of their level.
     """
     octree = octree or Octree(keys, depth, coded.planar)
     levels = octree.levels
@@ -346,7 +347,7 @@ def _dec_level(coder, model, rules, blocks, scratch, begin, end):
 
 
 def _watch(watched, spans, coders):
-    """Notes how far coders have read, each in its list of watched."""
+    """Appends to each list of watched the number of bytes that its coder has read."""
     for rows, (begin, _), (coder, _) in zip(watched, spans, coders, strict=False):
         rows.append(int(coder.state[POS]) - begin)
 

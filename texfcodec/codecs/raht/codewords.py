@@ -1,8 +1,8 @@
-"""Counts that follow from the octree depth and the slicing; no numba here, so that texf-info stays quick (spec clause 5.7)."""
+"""Counts that follow from the octree depth and the slicing; no numba here, so that texf-info starts quickly (spec clause 5.7)."""
 
 
 def codeword_count(depth: int, slice_level: int, slices: int) -> int:
-    """Codewords of an attribute unit: none for a single voxel, the trunk's where there is a trunk, one per slice."""
+    """Codewords of an attribute unit: none for a single voxel, else one for the trunk, if there is a trunk, and one per slice."""
     if depth == 0:
         return 0
     return 1 + slices if slice_level > 0 else 1

@@ -37,7 +37,7 @@ class Raht(PlaneCodec):
         return RahtOptions(**{name: getattr(options, name) for name in names})
 
     def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: RahtOptions) -> tuple[dict, np.ndarray]:
-        """See PlaneCodec.enc; where options.max_error is set, no rounded value is further off."""
+        """See PlaneCodec.enc; options.max_error bounds the error of every rounded value."""
         from .raht_values import raht_values
         from .tool_choice import code_plane
 
@@ -46,7 +46,7 @@ class Raht(PlaneCodec):
         return raht_values(coded, colour), decoded
 
     def run_kernels(self, encoding: bool = True) -> None:
-        """See Codec.run_kernels: made-up bytes are decoded, then values coded with residuals."""
+        """See Codec.run_kernels: it decodes arbitrary bytes, then codes values with residuals."""
         from .attribute_coder import CodedAttributes, Tools, dec_attributes, enc_attributes
         from .coefficients.residual import ResidualPlan
         from .transform.colour import inverse_colour
@@ -78,7 +78,7 @@ class Raht(PlaneCodec):
         return self._dec(values, support, 0, threads, reached), _reading(values["codewords"], reached)
 
     def _dec(self, values, support, levels, threads, reached=None):
-        """reached: as that of codec.dec_attributes()."""
+        """Values uint8 [n, C], as PlaneCodec.dec. reached: as in attribute_coder.dec_attributes()."""
         from .attribute_coder import dec_attributes, octree_of
         from .raht_values import coded_of
         from .transform.colour import inverse_colour, inverse_plain
@@ -97,7 +97,7 @@ class Raht(PlaneCodec):
         return PROFILES[1 if values["residual"] else 0]
 
     def check(self, values: dict) -> None:
-        """Relations of clauses 5.7.1 to 5.7.3."""
+        """Checks the relations of clauses 5.7.1 to 5.7.3."""
         if any(f["filter_mask"] >> 5 * values["NumComponents"] for f in values["filters"]):
             raise StreamError("TXF-S04", "filter_mask is out of range", clause="5.7.3", offset=values["offset"],
                               allowed=f"< 2**{5 * values['NumComponents']}")
@@ -128,14 +128,14 @@ class Raht(PlaneCodec):
 
 
 def _reading(codewords, reached):
-    """The Reading of codewords' syntax values. reached: as that of codec.dec_attributes()."""
+    """The Reading of codewords' syntax values. reached: as in attribute_coder.dec_attributes()."""
     unread = sum(max(0, word["codeword_length"] - ends[-1]) for word, ends in zip(codewords, reached, strict=True) if ends)
     said = [(word["level_bytes"], np.diff(ends, prepend=0).tolist()) for word, ends in zip(codewords, reached, strict=True)]
     return Reading(unread, sum(a != b for sent, read in said for a, b in zip(sent, read, strict=False)))
 
 
 def _level_bytes(values):
-    """Bytes by octree level over all codewords: with slices, the first codeword is the trunk above slice_level."""
+    """Bytes by octree level over all codewords. With slices, the first codeword is the trunk above slice_level."""
     if not values["level_index"]:
         return None
     total = [0] * values["Depth"]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class RahtOptions:
-    """Settings of an encode; each as of EncodeOptions, but for these: qp_fraction: 0 to less than 1, of a QP, by which coding is
-    coarser than at qp; is_rough: whether it is for an estimate, for which tools are hardly tried."""
+    """Settings of an encode, as in EncodeOptions. In addition, qp_fraction: 0 to less than 1, the fraction of a QP by which
+    coding is coarser than at qp; is_rough: the encode is only for an estimate, so hardly any tools are tried."""
 
     qp: int | None
     max_error: int | None

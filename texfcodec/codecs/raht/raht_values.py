@@ -1,4 +1,4 @@
-"""Syntax values of raht_parameters (spec clauses 5.7.1 to 5.7.3) from what was coded, and back."""
+"""Converts CodedAttributes to syntax values of raht_parameters (spec clauses 5.7.1 to 5.7.3) and back."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ LEVEL_INDEX_BYTES = 4096  # smaller attribute units do without their per-level b
 
 
 def raht_values(coded: CodedAttributes, colour: bool) -> dict:
-    """Syntax values of raht_parameters (spec 5.7.1) for CodedAttributes; colour: whether the BT.709 transform was used."""
+    """Syntax values of raht_parameters (spec 5.7.1). colour: whether the BT.709 transform was used."""
     lengths = [len(c) for c in coded.codewords]
     return {
         "colour_transform": TRANSFORM_BT709 if colour else TRANSFORM_NONE, "qp": coded.qp, "kernel": coded.kernel,
@@ -27,7 +27,7 @@ def raht_values(coded: CodedAttributes, colour: bool) -> dict:
 
 
 def coded_of(values: dict) -> tuple[CodedAttributes, list[tuple[int, int]]]:
-    """(CodedAttributes without its codewords, their (begin, end) in codeword_data) of an attribute unit's syntax values."""
+    """(CodedAttributes without codewords; (begin, end) of each codeword in codeword_data). values: of an attribute unit."""
     components = len(values["qp"])
     filters = [stage_of(f["filter_mask"], f["filter_coefficients"], components) for f in values["filters"]]
     first = np.cumsum([0, *values["slice_step"]]).tolist()

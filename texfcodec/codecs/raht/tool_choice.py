@@ -1,4 +1,4 @@
-"""The encoder's choice of tools: what an effort allows, which prediction suits the field, and which QPs are under residuals."""
+"""The encoder's choice of tools: those of an effort, the prediction that suits a field, and the QPs beneath residuals."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ PIECE_VOXELS = {"fast": 1 << 11, "balanced": 1 << 13, "best": 1 << 16}  # per pi
 
 
 def tools_of(effort: str, planar: bool) -> Tools:
-    """What an effort may use, before anything is tried."""
+    """Tools that an effort permits, before any trial."""
     return replace(EFFORTS[effort], **PLANAR_TOOLS) if planar else EFFORTS[effort]
 
 
 def _pieces(count, voxels):
-    """Evenly spread runs of `voxels` neighbouring voxels in Morton order, or the whole field where it is small."""
+    """Slices of `voxels` consecutive voxels in Morton order, spread evenly; the whole field if it is small."""
     if count <= PIECES * voxels:
         return [slice(0, count)]
     return [slice(begin, begin + voxels) for begin in np.linspace(0, count - voxels, PIECES).astype(int)]
 
 
 def _lagrangian_cost(keys, depth, values, qp, tools, octree=None):
-    """Bits plus squared error in steps, weighed as the quantiser weighs them."""
+    """Bits plus squared error in steps, weighted as in the quantiser."""
     coded, means = enc_attributes(keys, depth, values, qp, tools, octree=octree)
     error = (means.astype(np.float64) - values) / [step_of(v) for v in qp]
     return 8 * sum(len(c) for c in coded.codewords) + (error**2).sum() / tools.trade_off
@@ -69,10 +69,12 @@ def _may_have_dct_blocks(keys, values, effort, planar):
 
 def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], effort: str, threads: int = 1,
                  planar: bool = False, dct_blocks: int | None = None, is_rough: bool = False) -> Tools:
-    """Tools for a field. keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS; dct_blocks: 0 or 1 where that
-    is chosen already. Candidates of PREDICTIONS code a few pieces of the field; the cheapest wins. Then FOLLOW_LESS, over texels
-    PLAIN_TRANSFORM, and DCT_BLOCKS for what looks like JPEG, is taken where that makes it cheaper still. is_rough: the first
-    candidate is taken as it is, but for DCT_BLOCKS."""
+    """Tools for a field. Candidates of PREDICTIONS code a few pieces of the field, and the cheapest wins. Then FOLLOW_LESS,
+    PLAIN_TRANSFORM over texels, and DCT_BLOCKS for values that look like JPEG are each adopted if they reduce the cost.
+
+    keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS; dct_blocks: 0 or 1 if that is decided already;
+    is_rough: take the first candidate without a trial, but still try DCT_BLOCKS.
+    """
     tools = replace(tools_of(effort, planar), dct_blocks=dct_blocks or 0)
     if len(keys) < LEAST_VOXELS:
         return tools
@@ -103,8 +105,8 @@ def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[
 
 def choose_base(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callable[[int], list[int]], plan: ResidualPlan,
                 effort: str, threads: int = 1, planar: bool = False) -> tuple[list[int], int]:
-    """(QPs [C], whether there are DCT blocks) for values that get residuals. qp_of: from a QP to those of the components; plan:
-    ResidualPlan; the rest as in choose_tools. Candidates code a few pieces of the field; the fewest bytes win."""
+    """(QPs [C], 0 or 1 for DCT blocks) for values with residuals. Candidates code a few pieces of the field; the fewest bytes
+    win. qp_of: function from a QP to the components' QPs; plan: ResidualPlan; the rest as in choose_tools."""
     if effort == "fast" or len(keys) < LEAST_VOXELS:
         return qp_of(USUAL_BASE_QP), 0
     tools = tools_of(effort, planar)
@@ -127,10 +129,10 @@ def choose_base(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callabl
 
 def code_plane(plane: np.ndarray, support: VoxelSupport | TexelSupport, colour: bool,
                options: RahtOptions) -> tuple[CodedAttributes, np.ndarray]:
-    """Codes a plane with the tools that options.effort allows: (CodedAttributes, what decodes from them uint8 [N, C]).
+    """Codes a plane with the tools that options.effort permits: (CodedAttributes, decoded values uint8 [N, C]).
 
-    plane: float32 [N, C] in 0..255 on the keys of support, a VoxelSupport; colour: whether its components are red, green, blue.
-    With options.max_error no rounded value is further off than that.
+    plane: float32 [N, C] in 0..255 on the keys of support; colour: whether its components are red, green, blue. options.max_error
+    bounds the error of every rounded value.
     """
     if options.max_error is not None:
         return _code_bounded(plane, support, colour, options)

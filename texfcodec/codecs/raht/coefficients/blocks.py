@@ -1,5 +1,5 @@
-"""What the level kernels of both ways of coding share (spec clause 7.2): a block is opened, its planes are coded by direct.py or
-mixed.py, and it is closed with the means of its children."""
+"""Steps that the level kernels of direct.py and mixed.py share (spec clause 7.2): opening a block before its planes are coded,
+and closing it with the means of its children."""
 
 from collections import namedtuple
 
@@ -41,7 +41,7 @@ Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halv
 
 
 def new_scratch(components: int) -> Scratch:
-    """Scratch of a walk."""
+    """An uninitialised Scratch."""
     whole = [(15,), (SPLITS, components), (8, components), (components,), (2,), (6,), (15, components), (FEATURES,), (15,),
              *4 * [(SPLITS, components)], (components,), (8, 4)]
     real = [(8, components), (SPLITS, components), (15,)]
@@ -60,7 +60,8 @@ def _plane_energy(q, c0, c1, splits):
 
 @kernel(forceinline=True)
 def _open_block(p, first, rules, blocks, s):
-    """Fills tree, predicted and sums of block p; returns its splits. A node with one child hands its mean and its energies on."""
+    """Fills tree, predicted and sums of block p. Returns its splits. A node with one child passes its mean and its energies
+    on."""
     nodes, means = blocks.nodes, blocks.means
     child = nodes.first_child[p]
     splits = _tree_weights(child, np.int64(nodes.occupancy[p]), nodes.weight, s.tree)
@@ -77,7 +78,7 @@ def _open_block(p, first, rules, blocks, s):
 
 @kernel(forceinline=True)
 def _scale_plane(child, c0, c1, rules, original, s):
-    """Fills scaled for components c0..c1-1 of the block whose first child is `child`; returns the largest coefficient, in
+    """Fills scaled for components c0..c1-1 of the block whose first child is `child`. Returns the largest coefficient, in
     steps."""
     largest, tree, residual, scaled = 0.0, s.tree, s.residual, s.scaled
     for c in range(c0, c1):
@@ -100,7 +101,7 @@ def _scale_plane(child, c0, c1, rules, original, s):
 
 @kernel(forceinline=True)
 def _clear_plane(p, first, k, c1, rules, blocks, s):
-    """No coefficients yet in components k..c1-1 of plane k, and the weighted means of the predictions."""
+    """Sets the coefficients in components k..c1-1 of plane k to 0, and s.shift to the weighted means of the predictions."""
     if k and rules.cross and s.flags[0]:
         _follow(p, first, rules, blocks, s)
     for c in range(k, c1):

@@ -1,8 +1,8 @@
-"""DCT blocks of planar supports (spec clause 7.11.4): 8 x 8 texels that are all there, coded at once.
+"""DCT blocks of planar supports (spec clause 7.11.4): complete squares of 8 x 8 texels, coded as a whole.
 
-An image that was a JPEG file is all zeros and multiples in the cosine transform of its squares, and in no other. Such a node's
-mean is known three levels above the texels, so 63 coefficients of each component are left: how many are not zero, then they in
-zigzag order until those are found.
+The cosine transform of the squares of a former JPEG file has only zeros and multiples of steps, unlike any other transform of it.
+The mean of such a node is known three levels above the texels, so 63 coefficients of each component remain: the number of nonzero
+coefficients is coded first, then the coefficients in zigzag order up to the last nonzero one.
 """
 
 from collections import namedtuple
@@ -58,9 +58,9 @@ DctScratch = namedtuple("DctScratch", "q west north beside rows sums")
 
 
 def jpeg_likeness(keys: np.ndarray, values: np.ndarray) -> float:
-    """How much values int32 [N] on ascending planar keys int64 [N] look as if they had been a JPEG file's: of the coefficients of
-    whole squares, those of magnitude 1 to 2 for each below 1. The rounding of such a file leaves none between its steps and 0:
-    0 to 0.1 on textures that were JPEG, 0.05 to 1 on others. Infinite where hardly a square is whole."""
+    """Number of coefficients of complete squares of magnitude 1 to 2 per coefficient below 1. A JPEG file's rounding leaves none
+    between its steps and 0: the result is 0 to 0.1 on textures that were JPEG, 0.05 to 1 on others, and infinite if there are
+    hardly any complete squares. values: int32 [N] on ascending planar keys int64 [N]."""
     square = keys >> 3 * UP
     first = np.flatnonzero(square[: 1 - SIZE] == square[SIZE - 1 :])
     if len(first) < LEAST_SQUARES:
@@ -78,7 +78,7 @@ def new_dct_model() -> Model:
 
 
 def new_dct_scratch(components: int) -> DctScratch:
-    """DctScratch without meaning yet."""
+    """An uninitialised DctScratch."""
     zeros = lambda *shape: np.zeros(shape, np.int64)
     return DctScratch(zeros(components, SIZE), zeros(8), zeros(8), zeros(3), np.zeros((8, 8)), zeros(8, 8))
 
@@ -90,8 +90,8 @@ def no_dct_blocks(components: int) -> DctBlocks:
 
 
 def dct_blocks(levels: list[Level], depth: int, components: int, above: DctBlocks) -> tuple[DctBlocks, int]:
-    """DctBlocks of the nodes at `depth`, and how many texels each child of theirs has, 0 where none is whole; above: those of the
-    level above."""
+    """(DctBlocks of the nodes at `depth`; number of texels of each of their children, 0 if no node is whole). above: DctBlocks of
+    the level above."""
     up, weight = len(levels) - 1 - depth, levels[depth].weight
     if up > UP or len(levels) <= UP:
         return no_dct_blocks(components), 0
@@ -108,26 +108,27 @@ def dct_blocks(levels: list[Level], depth: int, components: int, above: DctBlock
 
 @kernel(forceinline=True)
 def _signed_class(v, inverse):
-    """Sign and class of what is expected, 0..2 * CLASSES - 2."""
+    """Sign and class of an expected coefficient, 0..2 * CLASSES - 2."""
     size = _class(_sixteenths(v, inverse) >> 2)
     return CLASSES - 1 + (size if v >= 0 else -size)
 
 
 @kernel(forceinline=True)
 def _share(frequency, v):
-    """What a coefficient v adds at the border, beyond which half a texel is left out."""
+    """Contribution of a coefficient v to the values at the border, half a texel beyond the outermost centres."""
     return v >> 1 if frequency else (181 * v) >> 9
 
 
 @kernel(forceinline=True)
 def _alone(frequency, v):
-    """The coefficient that adds v at the border."""
+    """The coefficient whose contribution at the border is v."""
     return 2 * v if frequency else (181 * v) >> 6
 
 
 @kernel
 def _look_beside(p, begin, c, table, mean, dct, s):
-    """Fills s.beside, and s.west and s.north from the texels of the two blocks. |texel| <= 2**22, so a sum is below 2**41."""
+    """Fills s.beside, and s.west and s.north from the texels of the blocks to the west and north. |texel| <= 2**22, so a sum is
+    below 2**41."""
     texels, first = dct.texels, dct.first
     for j in range(3):
         q = np.int64(table[p, (WEST, NORTH, NORTH_WEST)[j]])
@@ -148,7 +149,7 @@ def _look_beside(p, begin, c, table, mean, dct, s):
 
 @kernel
 def _count(encoding, coder, model, chosen, p, c, inverse, dct, s):
-    """Codes how many coefficients of s.q[c] are not zero, or decodes and returns it."""
+    """Codes the number of nonzero coefficients of s.q[c], or decodes it. Returns the number."""
     counts, where, sets, west, north, north_west = dct.counts, chosen.where, chosen.sets, s.beside[0], s.beside[1], s.beside[2]
     if west >= 0 and north >= 0:
         around = (np.int64(counts[west, c]) + counts[north, c] + 1) >> 1
@@ -181,7 +182,7 @@ def _count(encoding, coder, model, chosen, p, c, inverse, dct, s):
 
 @kernel
 def _dct_magnitude(encoding, coder, model, chosen, c, place, size, alike, expected, left, luma, magnitude):
-    """Codes a magnitude >= 1, or decodes and returns it."""
+    """Codes a magnitude >= 1, or decodes it. Returns the magnitude."""
     where, sets, coded = chosen.where, chosen.sets, np.int64(1)
     sets[1] = FIRST_SET + SECOND_MORE + c * FINE + size
     while coded <= UNARY + 1:
@@ -201,7 +202,7 @@ def _dct_magnitude(encoding, coder, model, chosen, c, place, size, alike, expect
 
 @kernel
 def _dct_component(encoding, coder, model, chosen, p, begin, c, step, inverse, table, mean, dct, s):
-    """Codes the coefficients s.q[c] of block p, or decodes them into it; leaves them in dct.kept and dct.counts."""
+    """Codes the coefficients s.q[c] of block p, or decodes them into it. Stores them in dct.kept and dct.counts."""
     where, sets, q, kept = chosen.where, chosen.sets, s.q, dct.kept
     _look_beside(p, begin, c, table, mean, dct, s)
     left = _count(encoding, coder, model, chosen, p, c, inverse, dct, s)
@@ -292,7 +293,7 @@ def _inverse_dct(p, c, step, mean, dct, s):
 
 @kernel
 def _quantise_block(p, c, step, mean, original, dct, s):
-    """Fills s.q[c] from original int32 [N, C], the texels that are wanted."""
+    """Fills s.q[c] from the texels to be coded, original int32 [N, C]."""
     first, rows = dct.first[p], s.rows
     for y in range(8):
         for u in range(8):
@@ -311,7 +312,7 @@ def _quantise_block(p, c, step, mean, original, dct, s):
 
 @kernel(inline="always")
 def _dct_block(encoding, coder, model, chosen, p, begin, rules, blocks, original, s):
-    """Codes block p, or decodes it, into the texels and the energies of its planes."""
+    """Codes block p, or decodes it. Writes its texels and the energies of its planes."""
     parent, dct, components = blocks.means.parent, blocks.dct, blocks.means.parent.shape[1]
     for c in range(components):
         mean, step = np.int64(parent[p, c]), rules.steps[c]
@@ -329,8 +330,8 @@ def _dct_block(encoding, coder, model, chosen, p, begin, rules, blocks, original
 
 @kernel
 def _close_dct_node(p, part, blocks):
-    """Writes the means of the four children of node p, a block or a part of one, each of `part` texels; parts have the energies
-    of the block."""
+    """Writes the means of the four children of node p, a block or a part of one, each of `part` texels. A part gets the energies
+    of its block."""
     dct, child_mean = blocks.dct, blocks.means.child
     if dct.whole[p] == PART:
         blocks.energy[p, 0], blocks.energy[p, 1] = blocks.above[p, 0], blocks.above[p, 1]
@@ -345,8 +346,8 @@ def _close_dct_node(p, part, blocks):
 
 @kernel
 def _enc_dct_level(coder, model, rules, blocks, wanted, s, begin, end):
-    """Codes the DCT blocks among the nodes begin..end-1 and leaves the means of their children, and of those of parts of blocks,
-    in means.child. The arguments are those of mixed._enc_mixed_level, which codes the others afterwards."""
+    """Codes the DCT blocks among the nodes begin..end-1. Writes the means of their children, and of the children of parts of
+    blocks, to means.child. The arguments are those of mixed._enc_mixed_level, which codes the other nodes afterwards."""
     for p in range(begin, end):
         if blocks.dct.whole[p] == BLOCK:
             _dct_block(True, coder, model, s.chosen, p, begin, rules, blocks, wanted.texels, s.dct)

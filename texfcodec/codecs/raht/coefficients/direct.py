@@ -11,7 +11,7 @@ from .blocks import _clear_plane, _close_block, _open_block, _plane_energy, _sca
 
 @kernel
 def _enc_direct_level(coder, model, rules, blocks, wanted, s, begin, end):
-    """Codes the children of parents begin..end-1 and leaves their reconstruction in means.child. coder: Coder; model: Model;
+    """Codes the children of parents begin..end-1 and writes their reconstruction to means.child. coder: Coder; model: Model;
     rules, blocks, wanted, s: Rules, Blocks, Wanted and Scratch of blocks.py. Context numbers are bounded by construction
     (contexts.py)."""
     components, energy, contexts = blocks.means.parent.shape[1], blocks.energy, model.contexts
@@ -63,9 +63,9 @@ def _stage(node):
 
 @kernel(forceinline=True)
 def _choose_plane(contexts, flag_ctx, c0, c1, level, strength, wanted, s):
-    """Rate-distortion optimised quantisation of one plane into q; returns whether anything is left of it.
+    """Rate-distortion optimised quantisation of one plane into q. Returns whether any coefficient is nonzero.
 
-    Distortion is in squared steps, price in 2**-8 bit from the coder's present state.
+    Distortion is in squared steps, cost in 2**-8 bit from the coder's present state.
     """
     scaled, tree, q, lagrangian, bits_of = s.scaled, s.tree, s.q, wanted.lagrangian, wanted.bits_of
     cost_zero = np.float64(_cost(contexts, flag_ctx, 0, bits_of))
@@ -107,7 +107,7 @@ def _choose_plane(contexts, flag_ctx, c0, c1, level, strength, wanted, s):
 
 @kernel(forceinline=True)
 def _enc_plane(coder, contexts, splits, c0, c1, level, strength, tree, q):
-    """Codes a plane that has a nonzero coefficient; the last flag is left out when all before it were zero (spec 7.5.3)."""
+    """Codes a plane that has a nonzero coefficient; the last flag is omitted if all before it were zero (spec 7.5.3)."""
     left = splits * (c1 - c0)
     some = False
     for c in range(c0, c1):

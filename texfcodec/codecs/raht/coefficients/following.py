@@ -1,5 +1,5 @@
-"""Components that follow the first (spec clause 7.4.4): what component 0 has told about a block moves what is predicted of the
-others, as they move with it around the block."""
+"""Prediction of the other components from the first (spec clause 7.4.4). Once component 0 of a block is decoded, the predictions
+of the others move with it, in the ratio in which they move with it around the block."""
 
 import numpy as np
 
@@ -16,8 +16,8 @@ MAX_FACTOR = 512  # 2 with CROSS_FRACTION bits
 
 @kernel(forceinline=True)
 def _add_products(means, node, parent_mean, p, products):
-    """Adds to products int64 [C] the products of a node's differences to parent p, each with that of component 0: 82 of them
-    at most, each < 2**46."""
+    """Adds to products int64 [C] each component's difference between a node and parent p, multiplied by that of component 0. At
+    most 82 such products, each < 2**46."""
     lead = np.int64(means[node, 0]) - parent_mean[p, 0]
     for c in range(products.shape[0]):
         products[c] += lead * (np.int64(means[node, c]) - parent_mean[p, c])
@@ -25,8 +25,8 @@ def _add_products(means, node, parent_mean, p, products):
 
 @kernel(forceinline=True)
 def _follow(p, first, rules, blocks, s):
-    """Moves the predictions of components 1.. of block p with the coefficients of component 0, by the slope that they have over
-    its surroundings (spec 7.4.4). The numerator of a factor is < 2**53 * 2**8, the details < 2**25."""
+    """Moves the predictions of components 1.. of block p by the coefficients of component 0, times their slope over the
+    surroundings (spec 7.4.4). The numerator of a factor is < 2**53 * 2**8, the details < 2**25."""
     mean, child_mean, table, tree, products = blocks.means.parent, blocks.means.child, blocks.nodes.table, s.tree, s.products
     planar = blocks.nodes.planar
     products[:] = 0

@@ -1,5 +1,5 @@
 """Coding of a level with mixed contexts (spec clauses 7.2 and 7.5.5): one walk over a plane for encoder and decoder, and the
-choice."""
+encoder's choice of coefficients."""
 
 import numpy as np
 
@@ -27,7 +27,7 @@ QUIET_SHIFT = 5  # a rare event: both estimates slow
 
 @kernel
 def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
-    """Codes the children of parents begin..end-1 and leaves their reconstruction in means.child. coder: Coder; model: Model;
+    """Codes the children of parents begin..end-1 and writes their reconstruction to means.child. coder: Coder; model: Model;
     rules, blocks, wanted, s: Rules, Blocks, Wanted and Scratch of blocks.py. Context numbers are bounded by construction
     (mixed_contexts.py)."""
     components, energy, models, chosen = blocks.means.parent.shape[1], blocks.energy, rules.models, s.chosen
@@ -65,7 +65,7 @@ def _enc_mixed_level(coder, model, rules, blocks, wanted, s, begin, end):
 
 @kernel
 def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
-    """Mirror of _enc_mixed_level. The features of a quiet plane are of use only where it has coefficients."""
+    """Mirror of _enc_mixed_level. The features of a quiet plane are computed only if it has coefficients."""
     components, energy, models, chosen = blocks.means.parent.shape[1], blocks.energy, rules.models, s.chosen
     for p in range(begin, end):
         if rules.part and blocks.dct.whole[p]:  # dct_blocks.py has it
@@ -98,7 +98,7 @@ def _dec_mixed_level(coder, model, rules, blocks, s, begin, end):
 
 @kernel(inline="always")
 def _quiet_flag(encoding, coder, contexts, quiet, flag):
-    """Codes the flag of a quiet plane with its direct context, or decodes and returns it."""
+    """Codes the flag of a quiet plane with its direct context, or decodes it. Returns the flag."""
     bound = (coder.state[RANGE] >> 16) * _probability(contexts, quiet)
     if encoding:
         _enc_split(coder.state, coder.buffer, bound, flag)
@@ -110,7 +110,7 @@ def _quiet_flag(encoding, coder, contexts, quiet, flag):
 
 @kernel(forceinline=True)
 def _flag_probability(model, models, quiet, s):
-    """Probability of a one in 2**-16 that the flag would be coded with now. quiet: its direct context, or -1."""
+    """Probability of a one in 2**-16 for the flag, in the present state. quiet: its direct context, or -1."""
     if quiet >= 0:
         p = _probability(model.contexts, quiet)
     else:
@@ -121,7 +121,7 @@ def _flag_probability(model, models, quiet, s):
 
 @kernel(inline="always")
 def _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, magnitude):
-    """Codes a magnitude >= 1, or decodes and returns it."""
+    """Codes a magnitude >= 1, or decodes it. Returns the magnitude."""
     coded = np.int64(1)
     while coded <= UNARY + 1:
         _more_contexts(s.f, c, node, coded - 1, large, luma, s.expected[node, c], s.alike[node, c], s.chosen.where,
@@ -134,7 +134,7 @@ def _mixed_magnitude(encoding, coder, model, models, c, node, large, luma, s, ma
 
 @kernel(inline="always")
 def _mixed_plane(encoding, coder, model, models, c0, c1, s):
-    """Codes the coefficients s.q of components c0..c1-1 of a plane that has any, or decodes them into s.q."""
+    """Codes the coefficients s.q of components c0..c1-1 of a plane with nonzero coefficients, or decodes them into s.q."""
     q, chosen = s.q, s.chosen
     left = 0
     for node in range(SPLITS):
@@ -177,8 +177,8 @@ def _dec_mixed_plane(coder, model, models, c0, c1, s):
 
 @kernel(forceinline=True)
 def _choose_mixed_plane(model, models, p, c0, c1, wanted, s):
-    """Rate-distortion optimised quantisation of one plane into s.q, as direct._choose_plane; a sign is taken as one bit. p:
-    16-bit probability of the flag."""
+    """Rate-distortion optimised quantisation of one plane into s.q, as direct._choose_plane. A sign counts as one bit. p: 16-bit
+    probability of the flag."""
     scaled, tree, q, f, expected, chosen = s.scaled, s.tree, s.q, s.f, s.expected, s.chosen
     lagrangian, bits_of = wanted.lagrangian, wanted.bits_of
     cost_zero, cost = np.float64(bits_of[(65536 - p) >> 4]), np.float64(bits_of[p >> 4])

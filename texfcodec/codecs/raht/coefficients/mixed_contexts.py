@@ -1,4 +1,5 @@
-"""What a block knows before its coefficients, and the contexts that follow from it, for mixed coding (spec clause 7.5.5)."""
+"""Features of a block that are known before its coefficients, and the contexts of mixed coding that follow from them (spec clause
+7.5.5)."""
 
 import numpy as np
 
@@ -59,13 +60,13 @@ def _sixteenths(v, inverse):
 
 @kernel(forceinline=True)
 def _per(v, divisor):
-    """Min(v, 2**14 - 1) // divisor for 0 <= v, 1 <= divisor < 32, by a multiplication that is exact in this range."""
+    """min(v, 2**14 - 1) // divisor for 0 <= v, 1 <= divisor < 32, by a multiplication that is exact in this range."""
     return (min(v, (1 << 14) - 1) * RECIPROCAL[divisor]) >> 20
 
 
 @kernel(forceinline=True)
 def _half(w):
-    """Half the binary digits of w >= 0 but one, rounded down: log2 of its square root."""
+    """floor(log2(sqrt(w))) for w >= 1, and 0 for w = 0."""
     n = 0
     while w > 3:
         w >>= 2
@@ -75,7 +76,7 @@ def _half(w):
 
 @kernel(forceinline=True)
 def _features(p, first, k, splits, flag, rules, blocks, s):
-    """Fills s.f for plane k of block p. flag: whether luma has coefficients; rules, blocks, s: those of blocks.py."""
+    """Fills s.f for plane k of block p. flag: whether luma has coefficients; rules, blocks, s: as in blocks.py."""
     f, sums, tree, predicted, shift = s.f, s.sums, s.tree, s.predicted, s.shift
     parent_mean, table, energy, inverse = blocks.means.parent, blocks.nodes.table, blocks.energy, rules.inverse
     f[LEVEL], f[SPLITS], f[PLANES], f[PLANAR] = rules.level, splits, 2 * k + flag, blocks.nodes.planar
@@ -118,8 +119,8 @@ def _features(p, first, k, splits, flag, rules, blocks, s):
 
 @kernel
 def _slopes(tree, predicted, c, inverse, sums, expected, down, rotated):
-    """Fills expected and down, int64 [7, C], for the splits of component c: size and sign of the coefficients that the prediction
-    itself would have. sums: int64 [15], scratch; rotated: planar_transform. A slope is < 2**37."""
+    """Fills expected and down, int64 [7, C], for the splits of component c: size class and sign of the prediction's own
+    coefficients. sums: int64 [15], scratch; rotated: planar_transform. A slope is < 2**37."""
     rotated, other = 1 if rotated and _is_square(tree) else 0, np.int64(0)
     for octant in range(8):
         sums[7 + octant] = tree[7 + octant] * predicted[octant, c]
@@ -141,13 +142,13 @@ def _slopes(tree, predicted, c, inverse, sums, expected, down, rotated):
 
 @kernel(forceinline=True)
 def _is_quiet(sums, k):
-    """Whether no block around has coefficients in plane k; sums: of _surroundings."""
+    """Whether no surrounding block has coefficients in plane k. sums: of _surroundings."""
     return sums[k] == 0 and sums[2 + k] == 0
 
 
 @kernel(forceinline=True)
 def _quiet_context(sums, k, level, splits, flag):
-    """The context of the flag of a quiet plane."""
+    """Context of the flag of a quiet plane."""
     return QUIET + (((2 * k + flag) * LEVELS + level) * 8 + splits) * 2 + (1 if sums[4] else 0)
 
 
@@ -209,7 +210,7 @@ def _more_contexts(f, c, node, i, large, luma, expected, alike, where, sets):
 
 @kernel
 def _sign_class(q, node, c, before):
-    """0, 1 or 2 as q[node, c] is zero, positive or negative; 0 where component c does not come before `before`."""
+    """0, 1 or 2 for zero, positive or negative q[node, c]; 0 if component c is not coded before `before`."""
     if c >= before or q[node, c] == 0:
         return 0
     return 1 if q[node, c] > 0 else 2

@@ -1,6 +1,7 @@
-"""What the blocks of a planar support have besides (spec clause 7.11): a block there has at most four children, with z = 0.
+"""Additional state of the blocks of a planar support (spec clause 7.11): a block there has at most four children, with z = 0.
 
-Contexts know the coefficients of the same split in the blocks around, which a surface in space seldom has.
+The contexts include the coefficients of the same split in the surrounding blocks. Blocks of a surface in space seldom have such
+neighbours.
 """
 
 import numpy as np
@@ -15,13 +16,13 @@ WEST, NORTH, NORTH_WEST, NORTH_EAST, SOUTH_WEST = COLUMNS[1, [4, 10, 1, 19, 7]].
 
 
 def new_kept(nodes: int, components: int, planar: int) -> np.ndarray:
-    """Coefficients of blocks that later ones look at: zeros int8 [nodes, 3, C], no rows where the support is not planar."""
+    """Coefficients of blocks, kept for later blocks: zeros int8 [nodes, 3, C], no rows if the support is not planar."""
     return np.zeros((nodes if planar else 0, len(PLANAR_NODES), components), np.int8)
 
 
 @kernel(forceinline=True)
 def _keep(p, blocks, s):
-    """Leaves the coefficients of block p, cut to -MOST..MOST, for the blocks after it and below it."""
+    """Stores the coefficients of block p, clipped to -MOST..MOST, for later blocks and those of the level below."""
     for c in range(s.q.shape[1]):
         for j in range(PLANAR_NODES.shape[0]):
             blocks.kept[p, j, c] = min(max(s.q[PLANAR_NODES[j], c], -MOST), MOST)

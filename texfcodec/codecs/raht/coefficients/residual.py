@@ -1,6 +1,7 @@
-"""Residuals of the values (spec clause 7.9): what is left to the original, exactly or within an error, with mixed contexts.
+"""Residuals of the values (spec clause 7.9): the differences to the original, exact or within an error, with mixed contexts.
 
-One walk for encoder and decoder. The components of a voxel come in the order of component_order; the first helps the others.
+Encoder and decoder share one walk. The components of a voxel come in the order of component_order; the first helps to predict the
+others.
 """
 
 from collections import namedtuple
@@ -39,7 +40,8 @@ Values = namedtuple("Values", "x original y k cross order delta")
 
 @dataclass
 class ResidualPlan:
-    """What the encoder is to keep. delta: largest error per value; original: uint8 [N, C]; inverse: means to values (7.8)."""
+    """The encoder's target. delta: largest error per value; original: uint8 [N, C]; inverse: function from means to values
+    (7.8)."""
 
     delta: int
     original: np.ndarray = field(repr=False)
@@ -47,7 +49,7 @@ class ResidualPlan:
 
 
 def component_order(components: int) -> np.ndarray:
-    """Components of a voxel in the order of their coding: green first, which says most about the others."""
+    """Components of a voxel in coding order: green first, because it predicts the others best."""
     return np.array([1, 0, 2] if components == 3 else range(components), np.int64)
 
 
@@ -58,8 +60,8 @@ def new_residual_model() -> Model:
 
 @kernel(forceinline=True)
 def _surroundings(v, first, centre, cells, planar, x, y, k, sums):
-    """Fills sums int64 [4, C]; returns (weight of the neighbours from `first` on that come before v, number of all neighbours).
-    Weighted errors of the former are below 2**15, weighted magnitudes too."""
+    """Fills sums int64 [4, C]. Returns (weight of the neighbours from `first` on that come before v, number of all neighbours).
+    Weighted errors and weighted magnitudes of the former are below 2**15."""
     sums[:] = 0
     weight, count = np.int64(0), np.int64(0)
     for j in range(PLANAR_NEAR if planar else NEAR_CELLS.shape[0]):
@@ -93,7 +95,7 @@ def _sign_class(v):
 
 @kernel
 def _residual_bits(encoding, coder, model, chosen, c, energy, activity, lead, second, largest, fraction, k):
-    """Codes k of component c, or decodes and returns it. lead, second: k of the components coded before it, or 0."""
+    """Codes k of component c, or decodes it. Returns k. lead, second: k of the components coded before it, or 0."""
     where, sets = chosen.where, chosen.sets
     sets[1] = 3 * BITS + c * FINE + energy
     size, magnitude, negative = abs(k), np.int64(0), np.int64(0)
@@ -131,8 +133,8 @@ def _residual_bits(encoding, coder, model, chosen, c, energy, activity, lead, se
 
 @kernel(allocates=True, inline="always")
 def _residuals(encoding, coder, model, chosen, values, nodes, begin, stop):
-    """Codes the children of parents begin..stop-1, a whole slice, or decodes them; fills values.y and values.k. Predictions are
-    in 0..255, so |k| <= 255."""
+    """Codes or decodes the residuals of the children of parents begin..stop-1, a whole slice. Fills values.y and values.k.
+    Predictions are in 0..255, so |k| <= 255."""
     x, y, k, original, order, delta = values.x, values.y, values.k, values.original, values.order, values.delta
     cells, sums = np.empty(CELLS, np.int64), np.empty((4, x.shape[1]), np.int64)
     first, step = nodes.first_child[begin], 2 * delta + 1
@@ -178,7 +180,7 @@ def _dec_residuals(coder, model, chosen, values, nodes, begin, stop):
 
 @kernel(allocates=True)
 def _cross_sums(begin, stop, table, first_child, occupancy, planar, x, original, none, order, products):
-    """Adds to products int64 [C] those of every component's surprise with the first one's, were the original decoded exactly.
+    """Adds to products int64 [C] every component's surprise times the first component's, as if the original were decoded exactly.
     none: int16 [N, C] of zeros. |surprise| < 2**9."""
     cells, sums = np.empty(CELLS, np.int64), np.empty((4, x.shape[1]), np.int64)
     first = first_child[begin]
@@ -200,7 +202,7 @@ def _cross_sums(begin, stop, table, first_child, occupancy, planar, x, original,
 
 def fit_cross(level: Level, table: np.ndarray, planar: int, x: np.ndarray, original: np.ndarray, ranges: list,
               run: Callable) -> list[int]:
-    """residual_cross by least squares over the field, [C]. level, table: of the voxels' parents; planar: as of Nodes; ranges: of
+    """residual_cross [C], by least squares over the field. level, table: of the voxels' parents; planar: as in Nodes; ranges: of
     parents, by slice."""
     order, none = component_order(x.shape[1]), np.zeros(x.shape, np.int16)
     products = np.zeros((len(ranges), x.shape[1]), np.int64)
@@ -215,8 +217,8 @@ def fit_cross(level: Level, table: np.ndarray, planar: int, x: np.ndarray, origi
 
 def code_residuals(coders: Sequence[Callable], level: Level, table: np.ndarray, planar: int, ranges: list, x: np.ndarray,
                    delta: int, cross: Sequence[int], original: np.ndarray, run: Callable) -> np.ndarray:
-    """Codes or decodes the residuals of all slices: the values uint8 [N, C]. coders: for each slice a function of (walk, number
-    of residuals), which calls walk(encoding, Coder, model); original: what is coded, x again where it is decoded."""
+    """Codes or decodes the residuals of all slices. Returns the values uint8 [N, C]. coders: for each slice a function of (walk,
+    number of residuals) that calls walk(encoding, Coder, model); original: the values to code, or x when decoding."""
     first_child = level.first_child
     assert first_child is not None
     nodes = Nodes(first_child, level.occupancy, level.weight, table, planar)

@@ -1,7 +1,7 @@
 """Binarisation and context selection of the coefficients of a block (spec clause 7.5).
 
-Every block has two energies, luma and chroma: 16 * (sum of |q|) / (number of coefficients), at most 255. The energies around a
-block, of the neighbours decoded before on its own level and of the level above, select the contexts.
+Every block has two energies, luma and chroma: 16 * (sum of |q|) / (number of coefficients), at most 255. The energies of the
+neighbours decoded before on the same level and of the level above select the contexts.
 """
 
 import numpy as np
@@ -71,7 +71,7 @@ def _surroundings(p, first, table, planar, energy, above, sums):
 
 @kernel
 def _classes(sums, k):
-    """Classes of plane k from the sums of _surroundings: of the own level, of the level above."""
+    """(class of the own level, class of the level above) for plane k, from the sums of _surroundings."""
     near = _class((sums[k] + sums[4] - 1) // sums[4]) if sums[4] else 0
     return near, _class((sums[2 + k] + sums[5] - 1) // sums[5])
 
@@ -84,7 +84,8 @@ def _block_context(k, level, n_coefficients, flag, near, far):
 
 @kernel
 def _zero_context(c, level, stage, ones, strength, luma):
-    """c: component; stage: 0..2; ones: nonzero coefficients so far in this component, capped at 2; luma: min(|q luma|, 2)."""
+    """Context of "this coefficient is not zero". c: component; stage: 0..2; ones: nonzero coefficients so far in this component,
+    capped at 2; luma: min(|q luma|, 2)."""
     return ZERO_BASE + ((((c * LEVELS + level) * 3 + stage) * 3 + min(ones, 2)) * CLASSES + strength) * 3 + min(luma, 2)
 
 
@@ -95,7 +96,7 @@ def _more_context(c, strength, large):
 
 @kernel
 def _enc_escape(state, out, rest):
-    """Exp-Golomb code of rest >= 1, what is left of a magnitude."""
+    """Writes rest >= 1, the remainder of a magnitude, as an Exp-Golomb code."""
     bits = 0
     while (rest >> (bits + 1)) > 0:
         bits += 1
@@ -108,7 +109,7 @@ def _enc_escape(state, out, rest):
 
 @kernel
 def _dec_escape(state, data, end):
-    """Mirror of _enc_escape. A prefix that never ends stops at MAX_PREFIX."""
+    """Mirror of _enc_escape. A longer prefix is cut at MAX_PREFIX."""
     bits = 0
     while bits < MAX_PREFIX and _dec_bypass(state, data, end):
         bits += 1
@@ -120,7 +121,7 @@ def _dec_escape(state, data, end):
 
 @kernel(inline="always")
 def _escaped(encoding, coder, magnitude):
-    """Codes a magnitude of more than UNARY + 1 behind its bits with contexts, or decodes it; returns it."""
+    """Codes a magnitude above UNARY + 1 after its bits with contexts, or decodes it. Returns the magnitude."""
     if encoding:
         _enc_escape(coder.state, coder.buffer, magnitude - 1 - UNARY)
     else:
@@ -130,7 +131,7 @@ def _escaped(encoding, coder, magnitude):
 
 @kernel
 def _escape_cost(rest):
-    """Price of _enc_escape in 2**-8 bit."""
+    """Cost of _enc_escape in 2**-8 bit."""
     bits = 0
     while (rest >> (bits + 1)) > 0:
         bits += 1
@@ -173,14 +174,14 @@ def _dec_magnitude(state, data, end, contexts, c, strength, large):
 
 @kernel
 def _cost(contexts, ctx, bit, bits_of):
-    """Price of a symbol in 2**-8 bit, without coding it. bits_of: int64 [4097], -256 log2(i / 4096)."""
+    """Cost of a symbol in 2**-8 bit, without coding it. bits_of: int64 [4097], -256 log2(i / 4096)."""
     p = _probability(contexts, ctx)
     return bits_of[(p if bit else 65536 - p) >> 4]
 
 
 @kernel
 def _magnitude_cost(contexts, c, strength, large, magnitude, bits_of):
-    """Price of _enc_magnitude in 2**-8 bit."""
+    """Cost of _enc_magnitude in 2**-8 bit."""
     cost = np.int64(256)
     ctx = _more_context(c, strength, large)
     rest = magnitude - 1

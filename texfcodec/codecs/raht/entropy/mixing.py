@@ -1,7 +1,7 @@
-"""Logistic mixing of context models (spec clause 7.6.4): adaptive bits that several models agree on.
+"""Logistic mixing of context models (spec clause 7.6.4): adaptive bits whose probability several models determine together.
 
-Each model gives its context's probability as the logarithm of the odds; two weight sets add them up, the mean of both sums is the
-mixed probability, and a refinement set corrects it by what really happened at such probabilities.
+Each model gives the probability of its context as the logarithm of the odds. Two weight sets each form a weighted sum, and the
+mean of both sums is the mixed probability. A refinement set corrects it by the observed frequencies at such probabilities.
 """
 
 from collections import namedtuple
@@ -52,7 +52,7 @@ def new_model(contexts: int, weight_sets: int, refinement_sets: int) -> Model:
 
 
 def new_chosen() -> Chosen:
-    """Chosen without meaning yet."""
+    """An uninitialised Chosen."""
     return Chosen(np.zeros(MAX_MODELS, np.int64), np.zeros(3, np.int64), np.zeros(MAX_MODELS, np.int64))
 
 
@@ -63,7 +63,7 @@ def copy_model(model: Model) -> Model:
 
 @kernel(forceinline=True)
 def _weigh(model, m, chosen):
-    """Fills chosen.inputs from the contexts chosen.where[0..m-1], 0 from there on; returns the sums of the weight sets
+    """Fills chosen.inputs from the contexts chosen.where[0..m-1], the rest with 0. Returns the sums of the weight sets
     chosen.sets[0] and [1]."""
     a = BIAS * model.weights[chosen.sets[0], MAX_MODELS]
     b = BIAS * model.weights[chosen.sets[1], MAX_MODELS]
@@ -81,7 +81,7 @@ def _weigh(model, m, chosen):
 
 @kernel(forceinline=True)
 def _refined(model, s, x):
-    """Final probability of a one in 2**-16 from the mixed x and refinement set s."""
+    """Final probability of a one in 2**-16, from the mixed logarithm x and refinement set s."""
     j, r = (x + LIMIT) >> 8, (x + LIMIT) & 255
     refined = (model.refinement[s, j] * (256 - r) + model.refinement[s, j + 1] * r) >> (PROBABILITY_BITS - 8)
     return min(max((SQUASH[x + LIMIT] + refined) >> 1, LEAST), 65536 - LEAST)
@@ -103,7 +103,8 @@ def _move_four(weights, s, i, inputs, error):
 
 @kernel(forceinline=True)
 def _learn(model, m, chosen, a, b, bit):
-    """Moves weights, contexts and refinement towards the symbol. Weights of inputs from m on stay, as those are 0."""
+    """Adapts weights, contexts and refinement to the symbol. Weights of inputs from m on do not change, because those inputs are
+    0."""
     for half in range(2):
         s = chosen.sets[half]
         uses = model.uses[s]
@@ -138,7 +139,7 @@ def _dec_mixed_bit(coder, model, m, chosen):
 
 @kernel(inline="always")
 def _mixed_bit(encoding, coder, model, m, chosen, bit):
-    """Codes `bit` with m models, or decodes and returns it."""
+    """Codes `bit` with m models, or decodes it. Returns the bit."""
     if encoding:
         _enc_mixed_bit(coder, model, m, chosen, bit)
     else:

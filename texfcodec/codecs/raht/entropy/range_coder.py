@@ -50,7 +50,7 @@ def _adapt(contexts, ctx, bit, fast_shift):
 
 
 def new_encoder() -> np.ndarray:
-    """State of a fresh encoder."""
+    """State of an encoder before its first symbol."""
     state = np.zeros(6, np.int64)
     state[RANGE] = 0xFFFFFFFF
     state[CACHE] = -1  # no byte yet
@@ -68,7 +68,7 @@ def _put(state, out, byte):
 
 @kernel
 def _shift_low(state, out):
-    """Moves the top byte of LOW out; bytes of 0xFF wait until it is known whether a carry passes through them."""
+    """Writes the top byte of LOW; bytes of 0xFF are held back until a carry can no longer pass through them."""
     carry = state[LOW] >> 32
     if carry or state[LOW] < 0xFF000000:
         if state[CACHE] >= 0:
@@ -160,7 +160,7 @@ def finish(state: np.ndarray, out: np.ndarray) -> bytes:
 
 
 def new_decoder(data: np.ndarray, begin: int, end: int) -> np.ndarray:
-    """State of a decoder for the codeword data[begin:end] (uint8): the first four bytes are in CODE already."""
+    """State of a decoder for the codeword data[begin:end] (uint8); CODE already holds its first four bytes."""
     state = np.zeros(6, np.int64)
     head = bytes(data[begin : min(end, begin + START_BYTES)]).ljust(START_BYTES, b"\0")
     state[CODE] = min(int.from_bytes(head, "big"), 0xFFFFFFFE)  # below RANGE, where it then stays

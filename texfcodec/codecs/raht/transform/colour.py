@@ -11,9 +11,9 @@ _FORWARD = ((0.2126, 0.7152, 0.0722), (-0.2126 / 1.8556, -0.7152 / 1.8556, 0.5),
 
 
 def forward_colour(rgb: np.ndarray) -> np.ndarray:
-    """Encoder's side. rgb: [N, 3] in 0..255. Returns int32 [N, 3] Y, Cb, Cr with 12 fractional bits.
+    """Encoder's side: int32 [N, 3] Y, Cb, Cr with 12 fractional bits. rgb: [N, 3] in 0..255.
 
-    Element by element, not as a matrix product: no linear-algebra library may decide the last bit of a stream.
+    It works element by element, without a matrix product: no linear-algebra library may determine the last bit of a stream.
     """
     r, g, b = np.asarray(rgb, np.float64).T
     out = np.empty((len(r), 3), np.int32)
@@ -24,7 +24,7 @@ def forward_colour(rgb: np.ndarray) -> np.ndarray:
 
 @kernel
 def _inverse_colour(means, rgb):
-    """means: int32 [N, 3]; rgb: uint8 [N, 3], filled."""
+    """Fills rgb uint8 [N, 3]. means: int32 [N, 3]."""
     shift = VALUE_FRACTION + 16
     for i in range(means.shape[0]):
         y, cb, cr = (np.int64(means[i, 0]) << 16) + (1 << (shift - 1)), np.int64(means[i, 1]), np.int64(means[i, 2])
@@ -34,7 +34,7 @@ def _inverse_colour(means, rgb):
 
 
 def inverse_colour(means: np.ndarray) -> np.ndarray:
-    """Decoder's side (spec 7.8.2). means: int32 [N, 3], 12 fractional bits. Returns uint8 [N, 3] RGB."""
+    """Decoder's side (spec 7.8.2): uint8 [N, 3] RGB. means: int32 [N, 3], 12 fractional bits."""
     rgb = np.empty(means.shape, np.uint8)
     _inverse_colour(means, rgb)
     return rgb

@@ -1,7 +1,7 @@
 """Adaptive Wiener filter on the decoded means of the voxels (spec clause 7.7): its application and the encoder's fit.
 
-A voxel is moved towards the sums of its neighbours' differences across faces, edges and corners, with coefficients that depend on
-how rough its surroundings are. The encoder takes those that bring the field nearest to the original, by least squares.
+A voxel moves by the weighted sums of its neighbours' differences across faces, edges and corners. The coefficients depend on the
+local roughness. The encoder fits them to the original by least squares.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ LIMIT_SHIFT = 2  # differences are limited to a quarter of a step
 
 @dataclass
 class FilterStage:
-    """One stage. mask: which class * C + component have coefficients; coefficients: int64 [CLASSES, C, RINGS or
+    """One stage. mask: bit class * C + component is set if that pair has coefficients; coefficients: int64 [CLASSES, C, RINGS or
     PLANAR_TAPS], zero elsewhere."""
 
     mask: int
@@ -37,13 +37,13 @@ def stage_of(mask: int, taps: Sequence[int], components: int) -> FilterStage:
 
 
 def taps_of(stage: FilterStage) -> list[int]:
-    """The coefficients of a stage as they stand in the stream."""
+    """The coefficients of a stage in stream order."""
     flat = stage.coefficients.reshape(-1, stage.coefficients.shape[2])
     return [int(v) for i in range(len(flat)) if stage.mask >> i & 1 for v in flat[i]]
 
 
 def rings_of(octree: Octree) -> VoxelRings | TexelRings:
-    """Rings of the last level, which the octree keeps. It has two levels at least."""
+    """Rings of the last level, cached in the octree. The octree has at least two levels."""
     if octree.rings is None:
         octree.rings = (TexelRings(octree.keys) if octree.planar
                         else VoxelRings(octree.levels[-2], octree.table(len(octree.levels) - 2)))
@@ -56,7 +56,7 @@ def _pieces(rings):
 
 def apply_stage(stage: FilterStage, rings: VoxelRings | TexelRings, mean: np.ndarray, steps: np.ndarray,
                 run: Callable) -> np.ndarray:
-    """One stage over all voxels: int32 [N, C]. rings: of the voxels; steps: int64 [C]; run: function that runs a list of jobs."""
+    """Applies one stage to all voxels: int32 [N, C]. rings: of the voxels; steps: int64 [C]; run: runs a list of jobs."""
     if not stage.mask:
         return mean
     filtered = np.empty_like(mean)
@@ -66,8 +66,8 @@ def apply_stage(stage: FilterStage, rings: VoxelRings | TexelRings, mean: np.nda
 
 
 def _solve(products, targets):
-    """Ridge solution of a symmetric system whose lower triangle is given, by elimination in plain floats: no linear-algebra
-    library may decide a bit of the stream. The taps of planar supports differ so much that each has a ridge of its own."""
+    """Ridge solution of a symmetric system, given its lower triangle, by elimination in plain floats: no linear-algebra library
+    may determine a bit of the stream. The taps of planar supports differ so much that each has its own ridge."""
     n = range(len(targets))
     ridge = [1e-6 * float(np.trace(products))] * RINGS if len(n) == RINGS else [1 + 1e-6 * float(products[i, i]) for i in n]
     a = [[float(products[max(i, j), min(i, j)]) + (ridge[i] if i == j else 0.0) for j in n] for i in n]
@@ -84,8 +84,8 @@ def _solve(products, targets):
 
 def fit_stage(rings: VoxelRings | TexelRings, mean: np.ndarray, original: np.ndarray, steps: np.ndarray, lagrangian: float,
               run: Callable) -> FilterStage | None:
-    """The stage that brings mean nearest to original, int32 [N, C] both; None where nothing is worth its bits. rings: of the
-    voxels; steps: int64 [C]; lagrangian: bits per squared step."""
+    """The stage that brings mean nearest to original, both int32 [N, C]; None if no coefficients are worth their bits. rings: of
+    the voxels; steps: int64 [C]; lagrangian: bits per squared step."""
     components, taps, pieces = mean.shape[1], rings.taps, _pieces(rings)
     parts = [(np.zeros((CLASSES, components, taps, taps)), np.zeros((CLASSES, components, taps))) for _ in pieces]
     factors = (1 << 32) // int(steps[0]), steps >> LIMIT_SHIFT, original

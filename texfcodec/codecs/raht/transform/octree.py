@@ -1,4 +1,4 @@
-"""The octree over the active voxels that RAHT walks, and the neighbour table of one of its levels (spec clause 7.1).
+"""The octree over the active voxels for RAHT, and the neighbour tables of its levels (spec clause 7.1).
 
 Level 0 is the root, level D = ceil(log2 K) holds the voxels. Nodes of a level are in Morton order; node i owns the children
 first_child[i] .. first_child[i + 1] - 1 of the next level, and occupancy[i] has bit c set when the child with octant c exists.
@@ -22,8 +22,8 @@ NEIGHBOUR_STEPS = np.array((1, 3))
 
 @dataclass
 class Level:
-    """One level. first_child: int64 [n + 1]; occupancy: uint8 [n]; octant: uint8 [n] (own place in the parent);
-    weight: int64 [n] (voxels below the node). The voxel level has no children: first_child and occupancy are None."""
+    """One level. first_child: int64 [n + 1]; occupancy: uint8 [n]; octant: uint8 [n] (place in the parent); weight: int64 [n]
+    (voxels below the node). The voxel level has no children: first_child and occupancy are None."""
 
     octant: np.ndarray
     weight: np.ndarray
@@ -43,7 +43,7 @@ Nodes = namedtuple("Nodes", "first_child occupancy weight table planar")
 
 @kernel
 def _parents(keys, weight, parent_keys, first_child, occupancy, parent_weight):
-    """Groups ascending keys by key >> 3; the output arrays are as long as keys. Returns the number of parents."""
+    """Groups ascending keys by key >> 3. Returns the number of parents. The output arrays are as long as keys."""
     n = 0
     for i in range(keys.shape[0]):
         parent = keys[i] >> 3
@@ -74,8 +74,8 @@ def build_octree(keys: np.ndarray, depth: int) -> list[Level]:
 
 
 def _adjacent():
-    """For every neighbour of a node, those of its places for children that touch the node: int64 [27, 8] the place and int64
-    [27, 8] its cell (_cells); int64 [27] how many there are."""
+    """Children of each of a node's neighbours that touch the node: (their places, int64 [27, 8]; their cells as in _cells, int64
+    [27, 8]; their number, int64 [27])."""
     places, cells = np.zeros((NEIGHBOURS, 8), np.int64), np.zeros((NEIGHBOURS, 8), np.int64)
     counts = np.zeros(NEIGHBOURS, np.int64)
     for i, place in np.ndindex(NEIGHBOURS, 8):
@@ -87,7 +87,7 @@ def _adjacent():
 
 
 def _steps(entry):
-    """How many axes lead from a node to a neighbour: 0 itself, 1 across a face, 2 an edge, 3 a corner."""
+    """Number of axes on which a neighbour differs from its node: 0 the node itself, 1 across a face, 2 an edge, 3 a corner."""
     return abs(entry // 9 - 1) + abs(entry // 3 % 3 - 1) + abs(entry % 3 - 1)
 
 
@@ -103,8 +103,8 @@ CENTRE = np.array([21 + 16 * (o & 1) + 4 * (o >> 1 & 1) + (o >> 2 & 1) for o in 
 @kernel(forceinline=True)
 def _cells(p, begin, end, table, first_child, occupancy, planar, cells):
     """Fills cells int64 [64] with the numbers of the children around and in node p: cell 16 x + 4 y + z with coordinates 0..3,
-    the node's own children at 1 and 2; -1 where there is none. Only children of the nodes begin..end-1 are taken. Returns the
-    cells that have one, a bit each."""
+    the node's own children at 1 and 2; -1 for empty cells. Only children of the nodes begin..end-1 are included. Returns the
+    occupied cells, a bit each."""
     cells[:] = -1
     filled = np.int64(0)
     for i in range(planar, NEIGHBOURS, NEIGHBOUR_STEPS[planar]):
@@ -122,7 +122,7 @@ def _cells(p, begin, end, table, first_child, occupancy, planar, cells):
 
 @kernel(allocates=True)
 def _neighbours(first_child, occupancy, parent_table, begin, end, planar, table):
-    """Neighbour table of the children of parents begin..end-1 (spec 7.1): -1 where no node exists.
+    """Fills the neighbour table of the children of parents begin..end-1 (spec 7.1), -1 for absent nodes.
 
     parent_table: int32 [parents, 27]; table: int32 [children, 27]; by COLUMNS. A child's neighbours are 27 of the parent's 64
     cells.
@@ -143,13 +143,13 @@ def _neighbours(first_child, occupancy, parent_table, begin, end, planar, table)
 
 
 def new_table(nodes: int, planar: int) -> np.ndarray:
-    """A neighbour table without neighbours: int32 [nodes, 27], or [nodes, 9] where planar."""
+    """An empty neighbour table: int32 [nodes, 27], or [nodes, 9] if planar."""
     return np.full((nodes, NEIGHBOURS // NEIGHBOUR_STEPS[planar]), -1, np.int32)
 
 
 class Octree:
-    """Levels over ascending unique Morton keys, and the neighbour table of each, made when it is first asked for: one for all
-    that is coded on the same keys. keys: int64 [N], N >= 1; planar: whether every z is 0."""
+    """Levels over ascending unique Morton keys, and the neighbour table of each, computed at first access. All planes on the same
+    keys share it. keys: int64 [N], N >= 1; planar: whether every z is 0."""
 
     def __init__(self, keys: np.ndarray, depth: int, planar: int = 0) -> None:
         self.keys, self.planar, self.levels = keys, int(planar), build_octree(keys, depth)
@@ -159,7 +159,7 @@ class Octree:
         self._tables = {0: root}  # by depth; threads that make one at the same time make the same
 
     def table(self, depth: int, ranges: list[tuple[int, int]] | None = None, run: Callable | None = None) -> np.ndarray:
-        """Neighbour table of the nodes at `depth`. ranges: of nodes one level above, made apart by run, which runs a list of
+        """Neighbour table of the nodes at `depth`. ranges: node ranges one level above, one job each; run: runs a list of
         jobs."""
         if depth not in self._tables:
             level, above, table = self.levels[depth - 1], self.table(depth - 1), new_table(len(self.levels[depth]), self.planar)

@@ -1,8 +1,8 @@
-"""What the filter of clause 7.11.3 looks at around a texel: the sums of its neighbours' differences across faces and edges, these
-limited, and those of the texels two away.
+"""Inputs of the filter of clause 7.11.3 at a texel: the sums of its neighbours' differences across faces and edges, the same sums
+of limited differences, and those of the texels two away.
 
-The texels of a square of 8 x 8 and of a border of two around it are laid out as a picture, in which a neighbour is a step: loops
-over it have no branches.
+The texels of a square of 8 x 8 and of a border of two around it are laid out as a picture. A neighbour is then at a fixed offset,
+and loops have no branches.
 """
 
 from collections import namedtuple
@@ -32,8 +32,8 @@ Picture = namedtuple("Picture", "there values sums sizes counts classes")
 
 
 def _places():
-    """For a square in direction 0..8 of OFFSETS, int64 [9, 512]: where a texel of it with these last bits of its key lies in the
-    picture, AREA where it does not."""
+    """int64 [9, 512]: position in the picture of a texel of the neighbouring square in direction 0..8 of OFFSETS, by the last
+    bits of its key; AREA if it is outside."""
     low = np.arange(1 << BITS)
     places = []
     for dx, dy in OFFSETS:
@@ -53,7 +53,7 @@ def _limited(v, limit):
 
 @kernel
 def _lay_out(square, keys, first, near, mean, there, values):
-    """Lays a square and its border out."""
+    """Writes a square and its border to the picture. there: -1 at texels, else 0."""
     there[:] = 0
     last = mean.shape[1] - 1
     for d in range(9):
@@ -73,14 +73,14 @@ def _lay_out(square, keys, first, near, mean, there, values):
 
 @kernel(forceinline=True)
 def _difference(own, i, there, values):
-    """What a place differs from `own` by, 0 where no texel is."""
+    """Difference of a place to `own`; 0 without a texel."""
     return (values[i] - own) & there[i]
 
 
 @kernel
 def _sum_up(limit, there, values, sums, sizes, counts):
     """Fills sums int64 [PLANAR_TAPS * SPAN] for the places from the square's first texel to its last, sizes int64 [SPAN] with the
-    absolute differences and counts int64 [SPAN] with how many there are. Each difference is < 2**23."""
+    sums of absolute differences and counts int64 [SPAN] with their number. Each difference is < 2**23."""
     for j in range(SPAN):
         own = values[j + FIRST]
         n, s = _difference(own, j + FIRST - WIDTH, there, values), _difference(own, j + FIRST + WIDTH, there, values)
@@ -117,7 +117,7 @@ def _look_at(square, keys, first, near, mean, limits, inverse, picture):
 
 @kernel(forceinline=True)
 def _rings_of(v, keys, picture, rings):
-    """Fills rings int64 [C, PLANAR_TAPS] of texel v of the square that was looked at; returns its class."""
+    """Fills rings int64 [C, PLANAR_TAPS] for texel v of the picture's square. Returns the texel's class."""
     j = PLACES[OWN, keys[v] & ((1 << BITS) - 1)] - FIRST
     for c in range(rings.shape[0]):
         for tap in range(PLANAR_TAPS):
@@ -137,7 +137,7 @@ def _filter(begin, end, keys, first, near, mean, inverse, limits, coefficients, 
 
 @kernel
 def _statistics(begin, end, keys, first, near, mean, inverse, limits, original, products, targets, picture, rings):
-    """As _filter, the sums of _count."""
+    """Adds to products and targets as _count does, for the texels that _filter takes."""
     for square in range(begin, end):
         _look_at(square, keys, first, near, mean, limits, inverse, picture)
         for v in range(first[square], first[square + 1]):
@@ -170,9 +170,9 @@ class TexelRings:
         self.size, self.around = len(squares), (keys, np.append(first, len(keys)), near)
 
     def filter(self, begin: int, end: int, mean: np.ndarray, *arguments: Any) -> None:
-        """Filters pieces begin..end-1; arguments: the rest of _filter."""
+        """Filters squares begin..end-1. arguments: the remaining ones of _filter."""
         _filter(begin, end, *self.around, mean, *arguments, *_scratch(mean.shape[1]))
 
     def statistics(self, begin: int, end: int, mean: np.ndarray, *arguments: Any) -> None:
-        """The sums of pieces begin..end-1; arguments: the rest of _statistics."""
+        """Adds the sums of squares begin..end-1. arguments: the remaining ones of _statistics."""
         _statistics(begin, end, *self.around, mean, *arguments, *_scratch(mean.shape[1]))

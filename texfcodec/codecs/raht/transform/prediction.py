@@ -1,9 +1,9 @@
 """Prediction of a block's children from the decoded neighbourhood (spec clause 7.3).
 
-A child is predicted by a weighted mean of its own parent, of the seven parents that touch the child's corner of it and, where
-those have been decoded before, of their children that touch the child. Seven weights form a kernel:
-[parent, face parent, edge parent, corner parent, face child, edge child, corner child]. Neighbours of another colour than the
-parent's weigh less, the less the farther they are away (a colour range, in steps).
+The prediction of a child is a weighted mean of its own parent, of the seven parents that touch the child's corner of it and, if
+those were decoded before, of their children that touch the child. Seven weights form a kernel: [parent, face parent, edge parent,
+corner parent, face child, edge child, corner child]. The weight of a neighbour decreases with the difference of its colour from
+the parent's (a colour range, in steps).
 """
 
 from collections import namedtuple
@@ -29,13 +29,13 @@ Means = namedtuple("Means", "parent child")
 
 
 def inverse_range(colour_range: int, step: int) -> int:
-    """Factor from a colour difference to 2**28 entries of FALLOFF; 0 where the colour does not count."""
+    """Factor from a colour difference to 2**28 entries of FALLOFF; 0 if colour has no influence."""
     return (1 << 32) // (colour_range * step) if colour_range else 0
 
 
 @kernel(forceinline=True)
 def _falloff(means, node, parent_mean, p, inverse):
-    """Weight of a node's means beside those of parent p, in 1/64 (spec 7.3)."""
+    """Weight of a node by its colour difference to parent p, in 1/64 (spec 7.3)."""
     difference = np.int64(0)
     for c in range(means.shape[1]):
         difference += abs(np.int64(means[node, c]) - parent_mean[p, c])
@@ -43,8 +43,8 @@ def _falloff(means, node, parent_mean, p, inverse):
 
 
 def _touched():
-    """What the neighbours of DIRECTIONS touch, one of s steps 4 >> s - 1 of a node's children: int64 [26, 4] those children;
-    int64 [26, 4, 4] the kernel's entries by place (ADJACENT_PLACE) and child."""
+    """Children that the neighbours of DIRECTIONS touch, int64 [26, 4], 4 >> s - 1 of them for a neighbour s steps away; the
+    kernel's entries by place (ADJACENT_PLACE) and child, int64 [26, 4, 4]."""
     children, entries = np.zeros((len(DIRECTIONS), 4), np.int64), np.zeros((len(DIRECTIONS), 4, 4), np.int64)
     for k, i in enumerate(DIRECTIONS.tolist()):
         x, y, z = ((0, 1) if d == 1 else (d // 2,) for d in (i // 9, i // 3 % 3, i % 3))
@@ -61,7 +61,8 @@ TOUCHED, TOUCHED_ENTRY = _touched()
 
 @kernel(forceinline=True)
 def _add(sums, octant, w, means, node):
-    """Adds w and w times a node's means to sums[octant]; of two components, the second is summed twice: quicker than a loop."""
+    """Adds w and w times a node's means to sums[octant]. The second of two components is added twice, which is faster than a
+    loop."""
     sums[octant, 3] += w
     sums[octant, 0] += w * means[node, 0]
     if means.shape[1] > 1:
@@ -71,13 +72,13 @@ def _add(sums, octant, w, means, node):
 
 @kernel(forceinline=True)
 def _predict(p, first, nodes, means, kernel, inverse, sums, predicted):
-    """Fills predicted int64 [8, C] for the children of parent p, 0 where there is none (spec 7.3.2).
+    """Fills predicted int64 [8, C] for the children of parent p, 0 for absent ones (spec 7.3.2).
 
-    first: first parent of the slice; children of parents first..p-1 are decoded. The table's entries are below
-    len(occupancy) = len(means.parent) by construction. kernel: int64 [7]; inverse: of inverse_range; sums: int64 [8, 4], scratch:
-    of every child weighted means and, last, the weights. |sum| < 27 * 64 * 255 * 2**23 < 2**42.
+    first: first parent of the slice; children of parents first..p-1 are decoded. The table's entries are below len(occupancy) =
+    len(means.parent) by construction. kernel: int64 [7]; inverse: of inverse_range; sums: int64 [8, 4], scratch: weighted means
+    and, last, weights of every child. |sum| < 27 * 64 * 255 * 2**23 < 2**42.
 
-    What is around is looked at once, and each adds to the children that it touches: on a surface most of it is empty.
+    Each neighbour is visited once and adds to the children that it touches, because most neighbours on a surface are empty.
     """
     table, parent_mean, child_mean = nodes.table, means.parent, means.child
     own, last = 64 * kernel[0], parent_mean.shape[1] - 1

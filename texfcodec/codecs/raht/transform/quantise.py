@@ -20,8 +20,8 @@ def step_of(qp: int) -> int:
 
 @kernel
 def _gain(w1, w2, half=0):
-    """Difference per unit of coefficient, sqrt((w1 + w2) / (w1 w2)), with 17 fractional bits, rounded down; below 2**17.6.
-    half: 1 for that times sqrt(1/2).
+    """Difference per unit of coefficient, sqrt((w1 + w2) / (w1 w2)), with 17 fractional bits, rounded down; below 2**17.6. half:
+    1 multiplies it by sqrt(1/2).
 
     w1 + w2 <= 2**28, so the shifted sum is <= 2**62.
     """
@@ -30,11 +30,10 @@ def _gain(w1, w2, half=0):
 
 @kernel
 def _dequantise(q, step, w1, w2, half=0):
-    """Difference (second minus first mean, 12 fractional bits) that coefficient q stands for (spec 7.4.2); half: of _gain.
+    """Difference (second minus first mean, 12 fractional bits) that coefficient q represents (spec 7.4.2); half: as in _gain.
 
-    The orthonormal coefficient is difference * sqrt(w1 w2 / (w1 + w2)). |q| < 2**22, step < 2**22, gain < 2**17.6, so the
-    product is < 2**62. The result is limited to 22 bits so that no stream
-    can push later sums out of range.
+    The orthonormal coefficient is difference * sqrt(w1 w2 / (w1 + w2)). |q| < 2**22, step < 2**22, gain < 2**17.6, so the product
+    is < 2**62. The result is limited to 22 bits, so that no stream can push later sums out of range.
     """
     difference = (min(abs(q), MAX_Q) * step * _gain(w1, w2, half) + (1 << (GAIN_FRACTION - 1))) >> GAIN_FRACTION
     difference = min(difference, MAX_DIFFERENCE)

@@ -1,9 +1,9 @@
 """Region-adaptive hierarchical transform of one block, in the mean domain (spec clause 7.4).
 
-A block is a node with its 2..8 children. Means are merged pairwise along z, y, x seen from the root: coefficient 0 splits z,
-1..2 split y, 3..6 split x; a split exists where both sides do. A split of weights w1, w2 and difference d = mean2 - mean1 has
-the orthonormal coefficient d * sqrt(w1 w2 / (w1 + w2)), so the quantiser sees what RAHT's does, while the inverse is a lifting
-step that no rounding can drift away from: mean1 = mean - w2 d / (w1 + w2), mean2 = mean1 + d.
+A block is a node with its 2..8 children. Means are merged pairwise along z, y, x seen from the root: coefficient 0 splits z, 1..2
+split y, 3..6 split x. A split exists if both sides do. A split of weights w1, w2 and difference d = mean2 - mean1 has the
+orthonormal coefficient d * sqrt(w1 w2 / (w1 + w2)), so the quantiser's input equals RAHT's. The inverse is a lifting step that
+rounding cannot make drift: mean1 = mean - w2 d / (w1 + w2), mean2 = mean1 + d.
 """
 
 import numpy as np
@@ -19,8 +19,8 @@ EXACT_BELOW = 1 << 12
 
 @kernel(forceinline=True)
 def _tree_weights(first, occupancy, weight, tree):
-    """Fills tree int64 [15]: weights of the root (0), the halves along z (1, 2), y (3..6) and x (7..14 = octants), 0 where
-    nothing is. Octant bit 0 is x, so leaf 7 + octant. first: first child; weight: int64, child weights. Returns the splits."""
+    """Fills tree int64 [15]: weights of the root (0), the halves along z (1, 2), y (3..6) and x (7..14 = octants), 0 for empty
+    ones. Returns the splits. Octant bit 0 is x, so leaf 7 + octant. first: first child; weight: int64, child weights."""
     child = first
     for octant in range(8):
         if (occupancy >> octant) & 1:
@@ -68,7 +68,7 @@ def _forward(tree, residual, component, values, scaled, step):
 
 @kernel
 def _rotate(scaled, component):
-    """Encoder's side of planar_transform: the splits along x become their sum and their difference (spec 7.11.1)."""
+    """Encoder's side of planar_transform: replaces the splits along x by their sum and their difference (spec 7.11.1)."""
     a, b = scaled[3, component], scaled[4, component]
     scaled[3, component], scaled[4, component] = (a + b) * np.sqrt(0.5), (b - a) * np.sqrt(0.5)
 
@@ -84,11 +84,11 @@ def _weighted_mean(tree, predicted, component):
 
 @kernel
 def _inverse(tree, q, component, mean, step, values, rotated=0):
-    """What a block's coefficients add to the predictions of its children, in one component of values int64 [15, C] (spec 7.4.3).
+    """Adds a block's coefficients to the predictions of its children, in one component of values int64 [15, C] (spec 7.4.3).
 
     mean: of the node, less the weighted mean of the predictions; tree: int64 [15]; q: int64 [7, C]; rotated: planar_transform,
-    by which the splits along x of a square block come as their sum and difference (spec 7.11.1). weights <= 2**28 and values <
-    2**32, so sums stay < 2**62.
+    under which the splits along x of a square block are coded as their sum and difference (spec 7.11.1). weights <= 2**28 and
+    values < 2**32, so sums stay < 2**62.
     """
     values[0, component] = mean
     rotated = 1 if rotated and _is_square(tree) else 0

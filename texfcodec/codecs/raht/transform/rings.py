@@ -1,5 +1,5 @@
-"""What the filter of clause 7.7 looks at around a voxel: the sums of its neighbours' differences, ring by ring, and how rough
-it is there."""
+"""Inputs of the filter of clause 7.7 at a voxel: the sums of its neighbours' differences, ring by ring, and the local
+roughness."""
 
 from typing import Any
 
@@ -32,7 +32,7 @@ def _roughness_class(rough, inverse):
 
 @kernel(forceinline=True)
 def _move(v, mean, coefficients, cls, taps, rings, filtered):
-    """Filters voxel v by its rings, int64 [C, taps]. |coefficient * ring| < 2**7 * 12 * 2**23."""
+    """Filters voxel v. rings: int64 [C, taps]. |coefficient * ring| < 2**7 * 12 * 2**23."""
     for c in range(mean.shape[1]):
         change = np.int64(1 << (COEFFICIENT_FRACTION - 1))
         for r in range(taps):
@@ -42,8 +42,8 @@ def _move(v, mean, coefficients, cls, taps, rings, filtered):
 
 @kernel(forceinline=True)
 def _count(v, mean, original, cls, taps, rings, products, targets):
-    """Adds the rings of voxel v, int64 [C, taps], to products float64 [CLASSES, C, taps, taps] and, times its error, to targets
-    float64 [CLASSES, C, taps]."""
+    """Adds the products of the rings of voxel v, int64 [C, taps], to products float64 [CLASSES, C, taps, taps] and, times the
+    voxel's error, to targets float64 [CLASSES, C, taps]."""
     for c in range(mean.shape[1]):
         error = np.float64(original[v, c]) - mean[v, c]
         for r in range(taps):
@@ -54,7 +54,7 @@ def _count(v, mean, original, cls, taps, rings, products, targets):
 
 @kernel(forceinline=True)
 def _rings(cells, taken, octant, mean, rings):
-    """Fills rings int64 [C, RINGS] for the child at `octant`; returns (its number, mean absolute luma difference). cells, taken:
+    """Fills rings int64 [C, RINGS] for the child at `octant`. Returns (its number, mean absolute luma difference). cells, taken:
     of _cells."""
     before, last = CENTRE[octant] - CENTRE[0], mean.shape[1] - 1  # of two components, the second is summed twice
     v, near = cells[CENTRE[octant]], taken >> before
@@ -82,7 +82,7 @@ def _rings(cells, taken, octant, mean, rings):
 @kernel(allocates=True)
 def _filter(begin, end, table, first_child, occupancy, mean, inverse, limits, coefficients, filtered):
     """Filters the children of parents begin..end-1. mean, filtered: int32 [N, C]; inverse: 2**32 // step of component 0; limits:
-    of no use here."""
+    unused, as planar_rings._filter has it."""
     cells, rings = np.zeros(CELLS, np.int64), np.zeros((mean.shape[1], RINGS), np.int64)
     for p in range(begin, end):
         taken = _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, 0, cells)
@@ -94,7 +94,7 @@ def _filter(begin, end, table, first_child, occupancy, mean, inverse, limits, co
 
 @kernel(allocates=True)
 def _statistics(begin, end, table, first_child, occupancy, mean, inverse, limits, original, products, targets):
-    """As _filter, the sums of _count."""
+    """Adds to products and targets as _count does, for the voxels that _filter takes."""
     cells, rings = np.zeros(CELLS, np.int64), np.zeros((mean.shape[1], RINGS), np.int64)
     for p in range(begin, end):
         taken = _cells(p, 0, occupancy.shape[0], table, first_child, occupancy, 0, cells)
@@ -113,9 +113,9 @@ class VoxelRings:
         self.size, self.around = len(level), (table, level.first_child, level.occupancy)
 
     def filter(self, begin: int, end: int, *arguments: Any) -> None:
-        """Filters pieces begin..end-1; arguments: the rest of _filter."""
+        """Filters the children of parents begin..end-1. arguments: the remaining ones of _filter."""
         _filter(begin, end, *self.around, *arguments)
 
     def statistics(self, begin: int, end: int, *arguments: Any) -> None:
-        """The sums of pieces begin..end-1; arguments: the rest of _statistics."""
+        """Adds the sums of the children of parents begin..end-1. arguments: the remaining ones of _statistics."""
         _statistics(begin, end, *self.around, *arguments)

@@ -1,4 +1,5 @@
-"""Shape of a 3DNTC payload for a budget of resident bytes, or for one of the paper's operating points (encoder only)."""
+"""Chooses the shape of a 3DNTC payload for a budget of resident bytes, or for one of the paper's operating points (encoder
+only)."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ NETWORK_GUESS = 8000  # parameters; only where the hash table's share is worked 
 
 @dataclass
 class Design:
-    """payload: without codes and halves; tables: payload.Tables by field, without values; resident: resident_bytes."""
+    """payload: without codes and halves; tables: payload.Tables by field, without values; resident: as resident_bytes()
+    returns."""
 
     payload: Payload
     tables: list[Tables]
@@ -42,7 +44,7 @@ class Design:
 
 
 def choose_design(surfaces: list[LatticeMesh], position_bits: int, components: int, options: NeuralOptions) -> Design:
-    """The Design that options ask for. surfaces: by field; components: 3 or 4."""
+    """The Design that options request. surfaces: by field; components: 3 or 4."""
     point = options.point or DEFAULT_POINT
     if options.latent_index == "hash":
         return hashed_design(point, components, len(surfaces))
@@ -51,7 +53,7 @@ def choose_design(surfaces: list[LatticeMesh], position_bits: int, components: i
 
 
 def point_bytes(name: str) -> int:
-    """Resident bytes of one of the paper's points, with three output components."""
+    """Resident bytes of one of the paper's operating points, with three output components."""
     return resident_bytes(_hashed(name, 3))["total"]
 
 
@@ -62,7 +64,7 @@ def _hashed(name, components):
 
 
 def hashed_design(name: str, components: int, fields: int) -> Design:
-    """The paper's own form of a point: hash tables over cells of a few voxels of a grid of 2048."""
+    """The paper's own form of an operating point: hash tables over cells of a few voxels of a grid of 2048."""
     payload = _hashed(name, components)
     tables = [Tables(payload, number, [None] * len(payload.levels)) for number in range(fields)]
     return Design(payload, tables, resident_bytes(payload))
@@ -70,10 +72,10 @@ def hashed_design(name: str, components: int, fields: int) -> Design:
 
 def surface_design(surfaces: list[LatticeMesh], position_bits: int, budget: int, components: int,
                    options: NeuralOptions) -> Design:
-    """The finest surface grid of latents whose payload, with its hash table where options.latent_index is "mixed", stays within
-    `budget` resident bytes.
+    """The finest surface grid of latents that fits `budget` resident bytes. The payload includes a hash table if
+    options.latent_index is "mixed".
 
-    surfaces: by field. Raises InputError TXF-I54 where not even one latent fits.
+    surfaces: by field. Raises InputError TXF-I54 if not even one latent fits.
     """
     log2 = 0
     if options.latent_index == "mixed":
@@ -97,7 +99,8 @@ def surface_design(surfaces: list[LatticeMesh], position_bits: int, budget: int,
 
 
 def _guess(tried, budget):
-    """Resolution that would just fill the budget if latents grew with its square from what was tried last."""
+    """Resolution that would just fill the budget if the number of latents grew with its square. tried: the last trial, or
+    None."""
     if tried is None:
         return FIRST_RESOLUTION
     payload, _, resident = tried
@@ -106,7 +109,8 @@ def _guess(tried, budget):
 
 
 def _surface_payload(surfaces, position_bits, resolution, components, options, log2):
-    """(Payload without values, keys by field, resident bytes) of a surface grid, and a hash table over finer cells."""
+    """(Payload without values, keys by field, resident bytes) of a surface grid, plus a hash table over finer cells if log2 is
+    set."""
     keys, threshold = _latent_voxels(surfaces, position_bits, resolution, options.area_threshold, options.threads)
     levels: tuple[Level, ...] = (Level(resolution, 0, threshold, tuple(len(k) for k in keys)),)
     if log2:
@@ -117,8 +121,8 @@ def _surface_payload(surfaces, position_bits, resolution, components, options, l
 
 
 def _latent_voxels(surfaces, position_bits, resolution, area_threshold, threads):
-    """(Morton keys int64 [N] by field of the voxels with latents (11.3), their area threshold): the one asked for, unless a field
-    would lose more of its surface than MOST_DROPPED to it, then 0."""
+    """(Morton keys int64 [N] by field of the voxels with latents (11.3), their area threshold). The threshold is the requested
+    one, or 0 if a field would lose more than MOST_DROPPED of its surface."""
     keys = []
     for lattice, faces in surfaces:
         touched, weights = voxelise(lattice, faces, position_bits, resolution, 0, threads)

@@ -1,8 +1,8 @@
 """Fits a 3DNTC payload to the source (encoder only; paper, section on 3DNTC).
 
-Descent on squared errors of all channels at surface samples, with cosine decay; Adam moves the network. A batch is a thinned run
-along a Morton curve over the whole surface: it covers everything evenly, and neighbours in it read the same latents. The same
-seed gives the same payload for every number of threads.
+Gradient descent on the squared errors of all channels at surface samples, with cosine decay; Adam moves the network. A batch
+takes every n-th sample along a Morton curve over the whole surface. It covers the surface evenly, and consecutive samples read
+the same latents. The same seed gives the same payload for every number of threads.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NO_SLOPE = np.zeros((0, 0), np.float32)
 
 class Fit:
     """State of a fit. design: payload.Payload without codes and halves; tables: payload.Tables by field; samples, held_out:
-    samples.Samples; batch: samples a step; judged: components whose PSNR says whether it still improves."""
+    fit_samples.Samples; batch: samples per step; judged: components whose PSNR decides whether the fit still improves."""
 
     def __init__(self, design: Payload, tables: list[Tables], samples: Samples, held_out: Samples, seed: int = 0,
                  threads: int = 1, batch: int = BATCH, judged: Sequence[int] = (0, 1, 2)) -> None:
@@ -52,7 +52,7 @@ class Fit:
         self._start()
 
     def _arrange(self, samples, batch):
-        """Puts samples into batches, and looks up the latents around them."""
+        """Sorts samples into batches and looks up the latents around them."""
         order = order_along_curve(samples.position)
         self.batches = max(1, len(order) // batch)
         self.samples = samples.taken(order[: len(order) // self.batches * self.batches].reshape(-1, self.batches).T.reshape(-1))
@@ -76,11 +76,11 @@ class Fit:
         self.step, self.seconds, self.log, self._order = 0, 0.0, [], (-1, np.zeros(0, np.int64))
 
     def _epoch(self, epoch):
-        """Order in which an epoch takes the batches."""
+        """Order of the batches in an epoch."""
         return np.random.default_rng([self.seed, 1, epoch]).permutation(self.batches)
 
     def _batch(self):
-        """Rows of the next batch (begin, end): every epoch takes all of them once in a new order."""
+        """Rows (begin, end) of the next batch. Every epoch takes each batch once, in a new order."""
         epoch, place = divmod(self.step, self.batches)
         if self._order[0] != epoch:
             self._order = epoch, self._epoch(epoch)
@@ -88,15 +88,15 @@ class Fit:
         return self._order[1][place] * size, (self._order[1][place] + 1) * size
 
     def _decay(self, steps):
-        """What is left of the rates before the next step."""
+        """Factor of the learning rates at the next step."""
         return 0.5 * (1 + np.cos(np.pi * self.step / steps))
 
     def _take_steps(self, until, steps, pool):
-        """Steps up to the number `until` of `steps`; returns the errors of their batches, as of _one_step."""
+        """Takes steps up to number `until` of `steps`. Returns the errors of their batches, as _one_step()."""
         return [self._one_step(steps, pool) for _ in range(until - self.step)]
 
     def _one_step(self, steps, pool):
-        """One step of all; returns the mean squared error of the batch before it, on the scale 0..255."""
+        """Takes one step. Returns the mean squared error of its batch before the step, on the scale 0..255."""
         begin, end = self._batch()
         part, decay = slice(begin, end), self._decay(steps)
         error = self.learn(self.samples.taken(part), (self.cell[part], self.corners), pool)
@@ -106,8 +106,8 @@ class Fit:
 
     def learn(self, samples: Samples, cells: tuple[np.ndarray, np.ndarray], pool: ThreadPoolExecutor,
               slope: np.ndarray = NO_SLOPE) -> float:
-        """Adds the gradient at samples: of their squared error, or of what has slopes float32 [M, C] by the outputs. cells: of
-        cells_of. Returns the squared error, weighted and summed over components."""
+        """Adds the gradient at samples. Returns the squared error, weighted and summed over components. slope: float32 [M, C],
+        derivatives by the outputs that replace those of the squared error; cells: of cells_of."""
         (_, weight, bias), (cell, corners) = self.values, cells
         turned = np.ascontiguousarray(weight.transpose(0, 2, 1))
         cuts = np.linspace(0, len(samples), PARTS + 1).astype(np.int64)
@@ -121,7 +121,8 @@ class Fit:
         return sum(pool.map(train_part, range(PARTS)))
 
     def move(self, decay: float, step: int, pool: ThreadPoolExecutor) -> None:
-        """Moves everything against its gradient and clears that. decay: share of the rates; step: number of the move, from 1."""
+        """Moves all parameters against their gradient and clears the gradient. decay: factor of the rates; step: number of the
+        move, from 1."""
         latent = self.values[0]
 
         def move_part(k):
@@ -136,12 +137,12 @@ class Fit:
             _adam(flat[0], self.gradients[n].reshape(PARTS, -1), *flat[1:], np.float32(NETWORK_RATE * decay), *scale)
 
     def forget(self) -> None:
-        """Clears what earlier moves have left behind but for the values themselves."""
+        """Clears the optimiser's state, but not the values."""
         for array in (*self.means, *self.squares, self.times):
             array[...] = 0
 
     def answers(self, samples: Samples, cells: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """What the network says at samples, in float32: [M, C] on the scale 0..255, not clipped. cells: of cells_of."""
+        """Outputs of the network at samples, in float32: [M, C] on the scale 0..255, not clipped. cells: of cells_of."""
         got = np.empty((len(samples), self.design.components), np.float32)
 
         def evaluate_block(begin):
@@ -153,15 +154,15 @@ class Fit:
         return got
 
     def upload(self) -> None:
-        """Makes whatever follows from the latents anew after they were set from outside."""
+        """Recomputes everything derived from the latents after an outside change to them."""
         _round_latents(self.values[0], self.codes, self.design.features)
 
     def download(self) -> None:
-        """Brings values, means, squares, times and codes up to date, where they are kept elsewhere meanwhile."""
+        """Updates values, means, squares, times and codes, if a subclass keeps them elsewhere."""
 
     def errors(self, exact: bool = False) -> np.ndarray:
-        """Sums over the held-out points by component, float64 [2, C]: of squared errors times weights, and of weights. exact: of
-        the integer evaluation of payload(), not the float one."""
+        """Sums over the held-out points by component, float64 [2, C]: weighted squared errors, and weights. exact: use the
+        integer evaluation of payload() instead of the float evaluation."""
         want, share = self.held_out.target, self.held_out.share / 255.0
         if exact:
             payload, got = self.payload(), np.empty((len(want), self.design.components), np.float32)
@@ -179,7 +180,7 @@ class Fit:
         return pooled_psnr(self.errors(exact), self.judged)
 
     def payload(self) -> Payload:
-        """The design with the codes and parameters as they stand."""
+        """The design with the present codes and parameters."""
         _, weight, bias = self.values
         sizes = list(zip(self.design.widths[:-1], self.design.widths[1:], strict=True))
         flat = join_parameters([weight[n, :o, :i] for n, (i, o) in enumerate(sizes)],
@@ -190,10 +191,10 @@ class Fit:
 
     def run(self, steps: int, on_look: Callable[[Fit, int], object] = lambda fit, steps: None,
             checkpoint: Path | None = None) -> Payload:
-        """Takes the remaining of `steps` steps, or fewer where it no longer improves; returns the payload.
+        """Takes the remaining of `steps` steps, or fewer if the fit no longer improves. Returns the payload.
 
-        on_look(fit, steps): called LOOKS times on the way; log holds {"step", "seconds", "train_psnr", "psnr"} of each.
-        checkpoint: path that the state is written to now and then, and read from if it is there.
+        on_look(fit, steps): called LOOKS times on the way; log holds {"step", "seconds", "train_psnr", "psnr"} of each call.
+        checkpoint: path to which the state is written periodically, and from which it is read if the file exists.
         """
         if checkpoint is not None:
             self._resume(checkpoint, steps)
@@ -216,7 +217,7 @@ class Fit:
         return self.payload()
 
     def _checked_psnr(self, errors):
-        """psnr(). Raises InputError TXF-I58 where it, an error of the last steps or a value is no number or infinite."""
+        """psnr(). Raises InputError TXF-I58 if it, an error of the last steps or a value is not finite."""
         try:
             if np.isfinite(errors).all() and all(np.isfinite(v).all() for v in self.values):
                 return self.psnr()
@@ -229,7 +230,7 @@ class Fit:
         return len(psnr) > PATIENCE and max(psnr[-PATIENCE:]) < max(psnr[:-PATIENCE]) + LEAST_GAIN
 
     def _identity(self, steps):
-        """What a checkpoint must agree with to be taken up."""
+        """Text that a checkpoint must match to be resumed."""
         colours = int(self.samples.target.sum(dtype=np.int64))
         return repr((steps, self.seed, self.design, len(self.samples), colours))
 
@@ -263,13 +264,13 @@ class Fit:
 
 
 def pooled_psnr(errors: np.ndarray, components: Sequence[int]) -> float:
-    """PSNR in dB over some components, of sums as errors() gives them; infinite where nothing counts."""
+    """PSNR in dB over some components. errors: sums as errors() returns; infinite without weight or error."""
     error, weight = errors[:, list(components)].sum(axis=1)
     return decibels(float(error / max(weight, TINY)))
 
 
 def _aligned(shape):
-    """Zeros float32 that begin on a cache line, so that a row of 16 latents is one."""
+    """Zeros float32 aligned to a cache line, so that a row of 16 latents occupies one line."""
     size = int(np.prod(shape))
     room = np.zeros(size + 16, np.float32)
     skip = -room.ctypes.data % 64 // 4

@@ -1,5 +1,5 @@
-"""Batches of a 3DNTC fit and the latents around samples, worked out on the GPU: as fit_samples.order_along_curve and cells_of, in
-a tenth of a second instead of ten."""
+"""Batches of a 3DNTC fit and the latents around samples, computed on the GPU: as fit_samples.order_along_curve and cells_of, in a
+tenth of a second instead of ten."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CELL_BITS = 14  # of a cell's coordinate: resolutions go to 2**13
 
 
 def _cell_coordinates(position, resolution):
-    """Cells of latents, int64 [M, 3], from 0. position: tensor int32 [M, 3]."""
+    """Cells of latents that points lie in, int64 [M, 3], from 0. position: tensor int32 [M, 3]."""
     local = ((position.long() * resolution) >> (POSITION_BITS - LOCAL_BITS)) - (1 << (LOCAL_BITS - 1))
     return (local >> LOCAL_BITS) + 1
 
@@ -30,8 +30,8 @@ def order_on(position: Any) -> Any:
 
 
 def cells_on(position: Any, field: Any, tables: list) -> tuple[Any, Any]:
-    """cells_of(), with the cells in another order: tensors (cell int32 [M, L], corners int32 [cells, 8]). position: tensor int32
-    [M, 3]; field: tensor int16 [M]."""
+    """cells_of() with another order of cells: tensors (cell int32 [M, L], corners int32 [cells, 8]). position: tensor int32 [M,
+    3]; field: tensor int16 [M]."""
     import torch
 
     device, levels, num_cells, corners = position.device, len(tables[0].index[0]), 0, []

@@ -1,4 +1,4 @@
-"""Where a 3DNTC fit on a GPU keeps the network: one flat vector of matrices whose sides are powers of two."""
+"""Memory layout of the network in a 3DNTC fit on a GPU: one flat vector of matrices whose sides are powers of two."""
 
 from __future__ import annotations
 
@@ -20,16 +20,15 @@ def _power(count):
 
 
 def block_of(batch: int) -> int:
-    """Samples that a program of the fused step takes of a batch."""
+    """Samples per program of the fused step."""
     return next(block for least, block in BLOCKS if batch >= least)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Sizes of a design on the device. feature_block, wave_block: padded latents of a level and padded waves, which stand one
-    after the other in the network's inputs; outputs: padded widths of the layers; inputs: those of their inputs; weights, biases:
-    where each layer begins in the vector of `size` parameters, matrices [outputs, inputs] row by row; block: samples of a
-    program."""
+    """Sizes of a design on the device. feature_block, wave_block: padded latents of a level and padded waves, which follow one
+    another in the network's inputs; outputs: padded widths of the layers; inputs: padded widths of their inputs; weights, biases:
+    begin of each layer in the vector of `size` parameters, matrices [outputs, inputs] row by row; block: samples per program."""
 
     batch: int
     block: int
@@ -51,7 +50,7 @@ class Layout:
 
     @classmethod
     def of(cls, design: Payload, batch: int, block: int = 0) -> Layout:
-        """Layout of a design for batches of so many samples. block: 0 takes block_of(batch)."""
+        """Layout of a design. batch: samples per batch; block: 0 takes block_of(batch)."""
         features, waves, levels = _power(design.features), _power(WAVE_INPUTS * design.octaves), len(design.levels)
         outputs = tuple(_power(width) for width in design.widths[1:])
         inputs = (levels * features + waves, *outputs[:-1])
@@ -67,8 +66,8 @@ class Layout:
                    weights=tuple(weights), biases=tuple(biases), size=at)
 
     def places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where the parameters of fit.Fit stand in the vector: int64 [layers, rows, rows] of weights and [layers, rows] of
-        biases, -1 where there is none. rows: as in Fit, the largest width rounded up to 4."""
+        """Indices of the parameters of fit.Fit in the vector: int64 [layers, rows, rows] of weights and [layers, rows] of biases,
+        -1 for padding. rows: as in Fit, the largest width rounded up to 4."""
         rows = max(-(-width // 4) * 4 for width in self.widths)
         layers = len(self.outputs)
         weight, bias = np.full((layers, rows, rows), -1, np.int64), np.full((layers, rows), -1, np.int64)

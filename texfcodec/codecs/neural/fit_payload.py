@@ -1,4 +1,4 @@
-"""From a codec's source to a 3DNTC payload: design, samples, the engine that fits, refinement on pictures (encoder only)."""
+"""Fits a 3DNTC payload to a codec's source: design, samples, fitting engine, refinement on pictures (encoder only)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LEAST_SAMPLES, MOST_SAMPLES = 1 << 18, 1 << 24  # on the surface; each is met ab
 
 
 def _engine(options):
-    """The class that fits: torch where it sees a GPU or is asked for, else the kernels of train.py."""
+    """The class that fits: torch if it detects a GPU or is requested, else the kernels of train.py."""
     if options.fit_engine == "numba":
         return Fit
     from .fit_torch import TorchFit, cuda_is_there
@@ -35,7 +35,7 @@ def _engine(options):
 
 
 def _begun(options, report, *arguments: Any, judged):
-    """The fit before its first step; by the kernels of train.py where the GPU fails, which the report says."""
+    """The fit before its first step. If the GPU fails, it uses the kernels of train.py and adds a remark to the report."""
     engine: Any = _engine(options)
     try:
         fit = engine(*arguments, options.seed, options.threads, judged=judged)
@@ -50,7 +50,7 @@ def _begun(options, report, *arguments: Any, judged):
 
 
 def fit_payload(source: CodecSource, options: NeuralOptions, report: Report) -> tuple[Payload, list[Tables], dict]:
-    """Fits a payload for all fields of a codec.Source: (payload.Payload, its Tables by field, what was chosen).
+    """Fits a payload for all fields of a codecs.base.Source: (payload.Payload, its Tables by field, choices).
 
     The choices are "resident" (bytes on the GPU), "fit" (the log) and "refinement".
     """
@@ -86,14 +86,14 @@ def fit_payload(source: CodecSource, options: NeuralOptions, report: Report) -> 
 
 
 def components_of(channels: Sequence[Channel]) -> dict[Channel, range]:
-    """Where the components of each channel stand among all of them."""
+    """Range of each channel's components among the components of all channels."""
     ends = np.cumsum([channel.components for channel in channels]).tolist()
     return {channel: range(end - channel.components, end) for channel, end in zip(channels, ends, strict=True)}
 
 
 def _reached(fit, places):
-    """What the report says of a fit's errors: PSNR of the integer evaluation, of base colour, of all that is judged and by
-    channel, None where there is no error."""
+    """The report's entries on a fit's errors: PSNR of the integer evaluation, for base colour, for all judged components and by
+    channel; None without error."""
     errors = fit.errors(exact=True)
     psnr = json_ready({c.name: round(pooled_psnr(errors, span), 3) for c, span in places.items()})
     return {"psnr_rgb": psnr[BASE_COLOUR.name], "psnr_channels": psnr,
@@ -101,7 +101,7 @@ def _reached(fit, places):
 
 
 def _refined(fit, source, position_bits, options, report):
-    """Refines a fit on pictures where that is asked for; what the report says of it."""
+    """Refines a fit on pictures if requested. Returns the report's entries."""
     reason = {"auto": "more fit steps gain more in the same time", "off": "switched off"}.get(options.refine, "")
     if not reason:
         reason = _unseen_by_pictures(source.channels) or ("" if source.on_pictures else "no renderer is available")
@@ -117,7 +117,7 @@ def _refined(fit, source, position_bits, options, report):
 
 
 def _unseen_by_pictures(channels):
-    """Why a refinement on pictures of base colour would let other outputs drift; "" where there are none."""
+    """Reason why a refinement on pictures of base colour would let other outputs drift; "" if there are no others."""
     if not set(channels) <= set(COLOURS):
         return "the pictures do not show the asset's maps"
     return "the picture loss does not include the asset's alpha" if ALPHA in channels else ""

@@ -1,5 +1,5 @@
-"""What a 3DNTC payload is fitted to: points on the source's surface with the values of all channels, and the latents around
-them."""
+"""Samples that a 3DNTC payload is fitted to: points on the source's surface with the values of all channels, and the latents
+around them."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ NOISE, FLOOR = 4.0, 0.3  # levels of 255 that every place is taken to vary by; s
 
 @dataclass
 class Samples:
-    """position: int32 [M, 3] as infer takes them; target: uint8 [M, C]; share: uint8 [M, C], weights of the errors; field: int16
-    [M]."""
+    """position: int32 [M, 3] as infer takes them; target: uint8 [M, C]; share: uint8 [M, C], weights of the squared errors;
+    field: int16 [M]."""
 
     position: np.ndarray
     target: np.ndarray
@@ -44,13 +44,13 @@ class Samples:
         return len(self.position)
 
     def taken(self, rows: np.ndarray | slice) -> Samples:
-        """The samples of some rows, int64 [m] or slice."""
+        """The selected samples. rows: int64 [m] or slice."""
         return Samples(self.position[rows], self.target[rows], self.share[rows], self.field[rows])
 
 
 class Source:
-    """Where samples come from: a codecs.base.Source. weights: float32 [C], of the components' squared errors, the largest 1.
-    Raises InputError TXF-I63 where no face has area."""
+    """Draws samples from a codecs.base.Source. weights: float32 [C], of the components' squared errors, the largest 1. Raises
+    InputError TXF-I63 if no face has area."""
 
     def __init__(self, shown: CodecSource, threads: int) -> None:
         surface = shown.surface
@@ -70,11 +70,12 @@ class Source:
 
     @property
     def components(self) -> int:
-        """Values of a sample."""
+        """Number of components of a sample."""
         return len(self.weights)
 
     def at(self, face: np.ndarray, bary: np.ndarray, threads: int) -> Samples:
-        """Samples at places on the surface: face int64 [M]; bary float64 [M, 3]. What materials have no map of counts nothing."""
+        """Samples at places on the surface: face int64 [M]; bary float64 [M, 3]. A channel without a map in the face's material
+        has weight 0."""
         points = np.einsum("mk,mkc->mc", bary, self.lattice[self.faces[face]])
         rgba = np.rint(sample_source(self.packed, face, bary, threads)).astype(np.uint8)
         # what cannot be seen need not be right
@@ -93,11 +94,11 @@ class Source:
         return Samples(cube_positions(points * self.scale), target, share, self.face_field[face].astype(np.int16))
 
     def draw(self, count: int, seed: int | Sequence[int]) -> Samples:
-        """Samples spread evenly by area over the surface that is coded."""
+        """Samples spread evenly by area over the coded surface."""
         return self.at(*sample_surface(self.lattice, self.faces, count, seed, self.areas), self.threads)
 
     def draw_busy(self, count: int, seed: Sequence[int]) -> Samples:
-        """As draw, but denser where values vary, with shares that make up for it on average."""
+        """As draw, but denser where values vary. The samples' shares compensate for that on average."""
         chunks = max(1, -(-count * CANDIDATES // CHUNK))
 
         def chunk(k):
@@ -117,8 +118,8 @@ def component_weights(channels: Sequence[Channel]) -> np.ndarray:
 
 
 def _thinned(samples, wanted, weights, random):
-    """`wanted` of the samples, taken with a frequency of FLOOR and a part that follows the spread of values around them, each by
-    its component's weight: float32 [C]."""
+    """Draws `wanted` of the samples, at a density of FLOOR plus a part proportional to the local spread of values. weights:
+    float32 [C], of the components."""
     samples = samples.taken(order_along_curve(samples.position))
     begins = np.arange(0, len(samples), RUN)
     length = np.diff(np.append(begins, len(samples)))[:, None]
@@ -146,7 +147,7 @@ def _keys(position, resolution, keys):
 
 @kernel(allocates=True)
 def _corner_rows(position, resolution, log2, first, salt, slots, bricks, words, ranks, corner):
-    """Rows of the eight latents of the cells that points lie in, int32 [M, 8], -1 where none is."""
+    """Fills corner int32 [M, 8] with the rows of the eight latents of the cells that points lie in, -1 for absent latents."""
     row = np.empty(8, np.int64)
     for i in range(position.shape[0]):
         x, y, z = (_local(np.int64(position[i, 0]), resolution) >> LOCAL_BITS,
@@ -158,15 +159,15 @@ def _corner_rows(position, resolution, log2, first, salt, slots, bricks, words, 
 
 
 def order_along_curve(position: np.ndarray) -> np.ndarray:
-    """Order of points along a Morton curve of 2048 cells a side: neighbours in it read the same latents."""
+    """Order of points along a Morton curve of 2048 cells a side: neighbours in this order read the same latents."""
     keys = np.empty(len(position), np.int64)
     _keys(position, 2048, keys)
     return np.argsort(keys, kind="stable")
 
 
 def cells_of(samples: Samples, tables: list) -> tuple[np.ndarray, np.ndarray]:
-    """The latents around each sample: (cell int32 [M, L], corners int32 [cells, 8]); row cell[i, n] of corners names the eight
-    latents of level n around sample i, -1 where none is. tables: payload.Tables by field."""
+    """The latents around each sample: (cell int32 [M, L], corners int32 [cells, 8]). Row cell[i, n] of corners contains the rows
+    of the eight latents of level n around sample i, -1 for absent latents. tables: payload.Tables by field."""
     levels = len(tables[0].index[0])
     cell, corners, num_cells = np.empty((len(samples), levels), np.int32), [], 0
     for number, table in enumerate(tables):

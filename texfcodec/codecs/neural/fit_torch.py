@@ -1,11 +1,12 @@
 """The 3DNTC fit in torch, for CUDA: the batches and formulas of fit.Fit on the device (extra texfcodec[ntc]).
 
-A step is the fused kernels of fit_triton.py, or plain torch where those do not suit the design, the torch or the GPU; both are
-recorded as CUDA graphs, so that the host does nothing between two looks. Seeds are those of Fit: one seed gives the same samples,
-batches and first values as there, but payloads differ in their last bits from run to run, because atomic additions have no order.
+A step is the fused kernels of fit_triton.py, or plain torch if those do not suit the design, the torch version or the GPU. Both
+are recorded as CUDA graphs, so that the host is idle between two calls of on_look. Seeds are those of Fit: one seed gives the
+same samples, batches and first values, but payloads differ in their last bits from run to run, because atomic additions have no
+order.
 
-On two processor cores the fused kernels of train.py are several times faster (docs/design/neural.md), so this is taken only where
-torch sees a GPU, or where it is asked for.
+On two processor cores the fused kernels of train.py are several times faster (docs/design/neural.md), so this engine is used only
+if torch detects a GPU, or on request.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ GRADIENT_TOLERANCE, MOVE_TOLERANCE = 2e-2, 1e-3  # relative distance of the fuse
 
 
 def cuda_is_there() -> bool:
-    """Whether torch is installed and sees a GPU."""
+    """Whether torch is installed and detects a GPU."""
     try:
         import torch
     except ImportError:
@@ -67,7 +68,7 @@ class State:
     MOVED = ("latent", "row_square", "times", "codes", "net", "mean", "square", "counter")
 
     def copy(self) -> dict[str, Any]:
-        """What a step changes."""
+        """Copies of the tensors that a step changes."""
         return {name: getattr(self, name).clone() for name in self.MOVED}
 
     def restore(self, kept: dict[str, Any]) -> None:
@@ -78,8 +79,8 @@ class State:
 
 class TorchFit(Fit):
     """As Fit. device: "cuda" or "cpu"; step: "auto", "fused" or "plain"; products: "float16", "tf32" or "float32" of the fused
-    step, or "auto"; block: samples that one of its programs takes, 0 by the batch. remarks: sentences on what was not possible.
-    Raises InputError TXF-I56 where torch is not installed."""
+    step, or "auto"; block: samples per program of the fused step, 0 to derive it from the batch. remarks: sentences on what could
+    not be used. Raises InputError TXF-I56 if torch is not installed."""
 
     def __init__(self, *arguments: Any, device: str | None = None, step: str = "auto", products: str = "auto",
                  batch: int | None = None, block: int = 0, **named: Any) -> None:
@@ -113,7 +114,7 @@ class TorchFit(Fit):
             torch.cuda.empty_cache()
 
     def _take_memory(self):
-        """Needs at once what the largest step will need."""
+        """Allocates at once the memory of the largest step."""
         if self.device.type == "cuda":
             with self.torch.no_grad():
                 self._plan(1)
@@ -125,7 +126,7 @@ class TorchFit(Fit):
         return self.torch.as_tensor(np.ascontiguousarray(array), device=self.device)
 
     def _arrange(self, samples, batch):
-        """As Fit._arrange, on the GPU where there is one."""
+        """As Fit._arrange, on the GPU if there is one."""
         if self.device.type not in SORTING:
             super()._arrange(samples, batch)
             s = self.samples
@@ -158,8 +159,8 @@ class TorchFit(Fit):
         super()._start()
 
     def _thinned(self, tensor, whole, size):
-        """Batches of `size` rows of batches of `whole`; what is left out lies evenly along the curve of the samples, since a part
-        of the surface without samples would never be fitted."""
+        """Selects `size` rows of each batch of `whole`. The omitted rows are spread evenly along the curve of the samples,
+        because a part of the surface without samples would never be fitted."""
         rows = self.batches * size
         if size == whole:
             return tensor.reshape(rows, -1)
@@ -168,7 +169,7 @@ class TorchFit(Fit):
         return tensor.reshape(self.batches * whole, -1).index_select(0, places)
 
     def upload(self) -> None:
-        """Takes the state of the arrays to the device."""
+        """Copies the state from the arrays to the device."""
         super().upload()
         s, net = self.state, lambda weight, bias: self._on(self._to_net(weight, bias))
         fresh = {"latent": self._on(self.values[0].copy()), "row_square": self._on(self.squares[0].copy()),
@@ -181,7 +182,7 @@ class TorchFit(Fit):
                 getattr(s, name).copy_(value)
 
     def download(self) -> None:
-        """Brings the state back into the arrays."""
+        """Copies the state from the device to the arrays."""
         s, back = self.state, lambda tensor: tensor.detach().cpu().numpy()
         self.values[0][...], self.squares[0][...], self.times[...] = back(s.latent), back(s.row_square), back(s.times)
         self.codes[...] = back(s.codes)
@@ -200,7 +201,7 @@ class TorchFit(Fit):
 
     def _inputs(self, position, cell, corners, read):
         """Network inputs float32 [M, inputs] of Layout. position: int32 [M, 3]; cell: int32 [M, L]; read: float32 [N, features],
-        latents as the decoder will have them."""
+        latents as a decoder reads them."""
         torch, lay, parts = self.torch, self.layout, []
         position = position.long()
         q = torch.arange(8, device=self.device)
@@ -238,7 +239,7 @@ class TorchFit(Fit):
         return x[:, : lay.components]
 
     def _plain_gradients(self):
-        """(gradients of latents and network, error and weight of the batch that the counter names) by autograd."""
+        """(gradients of latents and network, error and weight of the batch that the counter selects) by autograd."""
         torch, s, size = self.torch, self.state, self.layout.batch
         rows = s.order[s.counter.long()].long() * size + torch.arange(size, device=self.device)
         position, target, share, cell = (t.index_select(0, rows) for t in (s.position, s.target, s.share, s.cell))
@@ -253,7 +254,7 @@ class TorchFit(Fit):
         return self._padded(latent, self.layout.padded), network, error.detach(), share.sum()
 
     def _plain_move(self, latent, network, error, weight):
-        """Moves everything against its gradient, as Fit.move."""
+        """Moves all parameters against their gradient, as Fit.move."""
         torch, s, step = self.torch, self.state, self.state.counter.long()
         decay, mean_scale, square_scale = s.schedule.index_select(0, step).unbind(1)
         power = (latent**2).sum(1)
@@ -275,7 +276,7 @@ class TorchFit(Fit):
         s.counter += 1
 
     def _launch(self):
-        """One step on the device."""
+        """Launches one step on the device."""
         if self.engine is not None:
             self.engine.gradients()
             self.engine.move(LATENT_RATE, NETWORK_RATE)
@@ -285,7 +286,7 @@ class TorchFit(Fit):
     # How many steps go.
 
     def _plan(self, steps):
-        """Puts the order of batches and the schedule of the rates on the device."""
+        """Copies the order of batches and the schedule of the rates to the device."""
         if self.planned == steps:
             return
         epochs = -(-steps // self.batches)
@@ -299,7 +300,7 @@ class TorchFit(Fit):
         self.planned, self.graph = steps, None
 
     def _choose(self):
-        """Takes the fused step if it is wanted, can be compiled, and agrees with the plain one."""
+        """Selects the fused step if it is wanted, compiles, and agrees with the plain step."""
         if self.checked:
             return
         self.checked = True
@@ -314,7 +315,8 @@ class TorchFit(Fit):
             self.layout = replace(self.layout, block=block // 2)  # it runs and is wrong, which can lie in what was compiled
 
     def _fused_fault(self):
-        """Makes the fused step and compares it with the plain one; a sentence where it cannot be taken. The state stays."""
+        """Builds the fused step and compares it with the plain step. Returns a sentence if it cannot be used, else "". The state
+        does not change."""
         torch, kept, self.distances = self.torch, None, []
         try:
             from .fit_triton import FusedStep, suits
@@ -349,7 +351,7 @@ class TorchFit(Fit):
                     self.engine.gradient.zero_()
 
     def _record(self):
-        """A CUDA graph of RECORDED steps; None where none can be recorded."""
+        """A CUDA graph of RECORDED steps; None if none can be recorded."""
         torch, kept = self.torch, self.state.copy()
         errors = self.state.errors.clone()
         try:
@@ -370,7 +372,7 @@ class TorchFit(Fit):
         return graph
 
     def warm(self, steps: int) -> None:
-        """Compiles and checks the step and records it, which run(steps) would do at its first step."""
+        """Compiles, checks and records the step, which run(steps) would otherwise do at its first step."""
         with self.torch.no_grad():
             self._plan(steps)
             self._choose()
@@ -378,7 +380,7 @@ class TorchFit(Fit):
                 self.graph = self._record() or ()
 
     def _take_steps(self, until, steps, pool):
-        """As Fit._take_steps, on the device; waits for it once, at the end."""
+        """As Fit._take_steps, on the device; the host waits once, at the end."""
         self.warm(steps)
         with self.torch.no_grad():
             s, begin = self.state, self.step
@@ -397,7 +399,7 @@ class TorchFit(Fit):
         return self._take_steps(self.step + 1, steps, pool)[0]
 
     def answers(self, samples: Samples, cells: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """As Fit.answers; at the held-out points on the device."""
+        """As Fit.answers; at the held-out points it runs on the device."""
         if samples is not self.held_out or self.device.type not in SORTING:
             return super().answers(samples, cells)
         with self.torch.no_grad():
@@ -409,12 +411,12 @@ class TorchFit(Fit):
 
 
 def _no_memory(torch):
-    """The error of a GPU without memory left, which older torches have elsewhere."""
+    """The exception class of a GPU without free memory, which older versions of torch define elsewhere."""
     return getattr(torch, "OutOfMemoryError", torch.cuda.OutOfMemoryError)
 
 
 def _products(torch, device, remarks):
-    """Products that the GPU's matrix units have."""
+    """Number format of products, by the GPU's matrix units."""
     if device.type != "cuda":
         return "float32"
     capability = torch.cuda.get_device_capability(device)
@@ -425,6 +427,6 @@ def _products(torch, device, remarks):
 
 
 def _distance(value, other):
-    """Norm of the difference over the norm of other."""
+    """Relative distance: norm of the difference over the norm of other."""
     value, other = value.double(), other.double()
     return float((value - other).norm() / other.norm().clamp(min=1e-30))

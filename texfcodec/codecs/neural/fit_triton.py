@@ -2,8 +2,8 @@
 
 A step is four launches, none of which needs the host: gradients of a batch (look-up, interpolation, waves, network forward and
 backward, latents' gradient scattered by atomic additions), moves of the latents, moves of the network, and the counter of steps.
-The formulas are those of train.py. Products take 16-bit or tf32 matrix units and add up in float32; masters are float32. Atomic
-additions come in any order, so that runs with one seed differ in their last bits.
+The formulas are those of train.py. Products use 16-bit or tf32 matrix units and accumulate in float32; master copies are float32.
+The order of atomic additions varies, so runs with one seed differ in their last bits.
 
 TRITON_INTERPRET=1 runs the kernels on the processor, for tests.
 """
@@ -54,7 +54,7 @@ def _axis_weight(position, m, axis: tl.constexpr, resolution, far, LOCAL: tl.con
 @compiled
 def _corners(position, cell, corners, m, resolution, LEVEL: tl.constexpr, LEVELS: tl.constexpr, LOCAL: tl.constexpr,
              SHIFT: tl.constexpr):
-    """Rows of the eight latents around each sample and their weights, [M, 8] both; -1 and 0 where none is."""
+    """Rows of the eight latents around each sample and their weights, [M, 8] both; -1 and 0 for absent latents."""
     q = tl.arange(0, 8)[None, :]
     row = tl.load(cell + m * LEVELS + LEVEL).to(tl.int64)
     corner = tl.load(corners + row[:, None] * 8 + q)
@@ -106,7 +106,7 @@ def _gradients(position, target, weight, cell, corners, codes, net, gradient, pa
                W4: tl.constexpr, B1: tl.constexpr, B2: tl.constexpr, B3: tl.constexpr, B4: tl.constexpr,
                SIZE: tl.constexpr, LOCAL: tl.constexpr, LOCAL_SHIFT: tl.constexpr, WAVE_SHIFT: tl.constexpr,
                UNIT: tl.constexpr, GAIN: tl.constexpr, HALF: tl.constexpr, PRECISION: tl.constexpr, M: tl.constexpr):
-    """Gradients of M samples of the batch, of `size` samples, that the counter names.
+    """Gradients of M samples of a batch of `size` samples. The counter selects the batch.
 
     position: int32 [S, 3]; target, weight: uint8 [S, C]; cell: int32 [S, L]; corners: int32 [.., 8]; codes: int8 [N, PADDED];
     net: float32 [SIZE], of Layout. Adds to gradient float32 [N, PADDED]; writes partial float32 [programs, SIZE] and sums float32
@@ -172,7 +172,7 @@ def _gradients(position, target, weight, cell, corners, codes, net, gradient, pa
 def _move_rows(latent, gradient, square, times, codes, warming, schedule, counter, rows, rate,
                FEATURES: tl.constexpr, PADDED: tl.constexpr, WIDE: tl.constexpr, HALF_CODES: tl.constexpr, KEEP: tl.constexpr,
                SMALL: tl.constexpr, WARM: tl.constexpr, BLOCK: tl.constexpr):
-    """train._move_rows for BLOCK rows: moves rows with a gradient, clears that, writes their codes."""
+    """train._move_rows for BLOCK rows: moves rows with a gradient, clears the gradient and writes the rows' codes."""
     row, k = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK), tl.arange(0, WIDE)
     inside = (row < rows)[:, None] & (k < PADDED)[None, :]
     at = row.to(tl.int64)[:, None] * PADDED + k[None, :]
@@ -231,14 +231,14 @@ def _advance(counter):
 
 
 def suits(layout: Layout, components: int) -> str:
-    """Empty where the kernels can fit the design, else a sentence."""
+    """Empty if the kernels can fit the design, else a sentence with the reason."""
     if layout.levels > MAX_LEVELS or len(layout.outputs) != HIDDEN_LAYERS + 1:
         return f"the fused kernels take at most {MAX_LEVELS} levels, and {HIDDEN_LAYERS} hidden layers"
     return "" if layout.batch % layout.block == 0 else f"batches must be multiples of {layout.block} samples"
 
 
 class FusedStep:
-    """Launches of a step over a fit's state on the device. state: fit_torch.State; products: of PRODUCTS."""
+    """Launches the kernels of a step over a fit's state on the device. state: fit_torch.State; products: of PRODUCTS."""
 
     def __init__(self, state: Any, layout: Layout, products: str = "float16") -> None:
         import torch
@@ -249,7 +249,7 @@ class FusedStep:
         self.gradient, self.partial, self.sums = new(*state.latent.shape), new(self.programs, layout.size), new(self.programs, 2)
 
     def gradients(self) -> None:
-        """Adds to gradient, and writes partial and sums, for the batch that the counter names."""
+        """Adds to gradient, and writes partial and sums, for the batch that the counter selects."""
         s, lay = self.state, self.layout
         resolutions = [*lay.resolutions, 0][:2]
         half = self.products == "float16"
@@ -264,7 +264,7 @@ class FusedStep:
             num_warps=4 if lay.block <= 32 else 8)
 
     def move(self, latent_rate: float, network_rate: float) -> None:
-        """Moves everything against its gradient, clears that, and counts the step."""
+        """Moves all parameters against their gradient, clears the gradient and increments the counter."""
         s, lay = self.state, self.layout
         rows = len(s.latent)
         _move_rows[(-(-rows // ROWS),)](

@@ -37,7 +37,7 @@ BLOCK = 1 << 14
 
 @kernel
 def _local(p, resolution):
-    """Coordinate against the latents' centres, LOCAL_BITS fractional bits: p < 2**24, resolution <= 2**13."""
+    """Coordinate relative to the latents' centres, LOCAL_BITS fractional bits: p < 2**24, resolution <= 2**13."""
     return ((p * resolution) >> (POSITION_BITS - LOCAL_BITS)) - (1 << (LOCAL_BITS - 1))
 
 
@@ -55,8 +55,8 @@ def _hashed_row(x, y, z, log2, salt):
 
 @kernel
 def _rows_of_voxels(x, y, z, size, slots, bricks, words, ranks, row):
-    """Ranks of the eight voxels x..x+1, y..y+1, z..z+1 into row int64 [8], -1 where none is: as _rank_of_voxel, with one look-up
-    where they share a brick."""
+    """Writes the ranks of the eight voxels x..x+1, y..y+1, z..z+1 to row int64 [8], -1 for absent voxels: as _rank_of_voxel, with
+    one look-up if they share a brick."""
     xs = _spread(max(x, 0)), _spread(x + 1)
     ys = _spread(max(y, 0)) << 1, _spread(y + 1) << 1
     zs = _spread(max(z, 0)) << 2, _spread(z + 1) << 2
@@ -79,7 +79,8 @@ def _rows_of_voxels(x, y, z, size, slots, bricks, words, ranks, row):
 
 @kernel
 def _rows_around(x, y, z, resolution, log2, salt, slots, bricks, words, ranks, row):
-    """Rows of the eight latents of a cell, counted from the level's first, into row int64 [8], -1 where none is (11.3)."""
+    """Writes the rows of a cell's eight latents, counted from the level's first, to row int64 [8], -1 for absent latents
+    (11.3)."""
     if log2 > 0:
         for q in range(8):
             row[q] = _hashed_row(x + (q & 1), y + ((q >> 1) & 1), z + (q >> 2), log2, salt)
@@ -89,8 +90,8 @@ def _rows_around(x, y, z, resolution, log2, salt, slots, bricks, words, ranks, r
 
 @kernel
 def _weights(u, v, w, corner, weight):
-    """Integer weights (11.4) of the eight latents around a point at (u, v, w) of their cell into weight int32 [8], 0 where corner
-    is -1; returns their sum, at most 2**24."""
+    """Writes the integer weights (11.4) of the eight latents around a point at (u, v, w) of their cell to weight int32 [8], 0 if
+    corner is -1. Returns their sum, at most 2**24."""
     unity, shift, total = 1 << LOCAL_BITS, 3 * LOCAL_BITS - WEIGHT_SUM_BITS, np.int64(0)
     near, far = (unity - u) * (unity - v), u * (unity - v)
     weight[0], weight[4] = near * (unity - w) >> shift, near * w >> shift
@@ -106,7 +107,7 @@ def _weights(u, v, w, corner, weight):
 
 @kernel(allocates=True)
 def _read_level(positions, resolution, log2, first, salt, slots, bricks, words, ranks, codes, features, x, row):
-    """Latents of one level at up to LANES points into rows row.. of x, int32 [inputs + CHUNK, LANES] (11.4).
+    """Writes the latents of one level at up to LANES points to rows row.. of x, int32 [inputs + CHUNK, LANES] (11.4).
 
     codes: int8 [N, padded], 2 q + 1, 0 in the padding; |sum| <= 15 * 2**24, times the reciprocal below 2**42. Every corner is
     checked against N. Points that share a cell, as neighbours often do, share its look-up.
@@ -184,11 +185,11 @@ def _network(widths, weight, bias, a, total):
 @kernel(allocates=True)
 def _infer(positions, levels, places, slots, bricks, words, ranks, codes, features, octaves, first_wave, widths, weight, bias,
            out):
-    """Values of points of one field into out uint16 [M, C], 8 fractional bits.
+    """Writes the values of points of one field to out uint16 [M, C], 8 fractional bits.
 
     positions: int32 [M, 3] in 0..2**24-1; levels: int64 [L, 4] of resolution, table_log2, first row and salt of the hash; places:
-    int64 [L + 1, 2] where each level's brick map begins in slots and in bricks, words and ranks; widths: int64
-    [layers + 1], multiples of 4; weight: int32 [layers, rows, rows], bias: int64 [layers, rows]; rows >= every width.
+    int64 [L + 1, 2], begin of each level's brick map in slots and in bricks, words and ranks; widths: int64 [layers + 1],
+    multiples of 4; weight: int32 [layers, rows, rows], bias: int64 [layers, rows]; rows >= every width.
     """
     layers, rows = widths.shape[0] - 1, weight.shape[1]
     a, total = np.zeros((layers + 1, rows + CHUNK, LANES), np.int32), np.zeros((4, LANES), np.int64)
@@ -209,8 +210,8 @@ def _infer(positions, levels, places, slots, bricks, words, ranks, codes, featur
 
 
 def cube_positions(grid: np.ndarray) -> np.ndarray:
-    """Positions that the evaluation takes (11.2). grid: float64 [..., 3] grid coordinates for K = 2**POSITION_BITS; what lies
-    outside the cube is moved onto its border. Returns int32 of the same shape."""
+    """Positions for the evaluation (11.2), int32 of the shape of grid. grid: float64 [..., 3] grid coordinates for K =
+    2**POSITION_BITS; points outside the cube are moved to its border."""
     return np.floor(np.clip(grid, 0, (1 << POSITION_BITS) - 1)).astype(np.int32)
 
 
@@ -220,10 +221,10 @@ def voxel_positions(xyz: np.ndarray, resolution: int) -> np.ndarray:
 
 
 def fixed_weights(halves: np.ndarray) -> np.ndarray:
-    """Network parameters as fixed-point numbers with WEIGHT_BITS fractional bits (11.6).
+    """Network parameters as fixed-point numbers with WEIGHT_BITS fractional bits (11.6), int64 of the shape of halves.
 
-    halves: uint16, binary16 patterns of magnitude below 2**12 (payload.py has checked). Returns int64 of the same shape: exact
-    from 2**-6 on, below that rounded to the nearest, halves away from zero.
+    halves: uint16, binary16 patterns of magnitude below 2**12 (payload.py has checked). Magnitudes from 2**-6 on are exact,
+    smaller ones are rounded to the nearest, halves away from zero.
     """
     exponent, fraction = (halves.astype(np.int64) >> 10) & 31, halves.astype(np.int64) & 1023
     mantissa = np.where(exponent > 0, fraction + 1024, fraction)
@@ -234,13 +235,13 @@ def fixed_weights(halves: np.ndarray) -> np.ndarray:
 
 
 class Tables(Protocol):
-    """What infer() reads of a field: payload.Tables."""
+    """The tables that infer() reads for a field: payload.Tables."""
 
     components: int
 
     @property
     def arrays(self) -> tuple:
-        """Index and network, as _infer() has them."""
+        """Index and network, as in _infer()."""
 
 
 def infer(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray:
@@ -261,7 +262,7 @@ def infer(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray
 
 
 def answer(cube: CanonicalCube, points: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray:
-    """As infer_values(), at world points float64 [M, 3]; what lies outside the CanonicalCube is moved onto its border."""
+    """As infer_values(), at world points float64 [M, 3]; points outside the CanonicalCube are moved to its border."""
     low, high = np.array(cube.origin) - cube.side, np.array(cube.origin) + 2 * cube.side  # further out is on the border anyway
     return infer_values(cube_positions(cube.to_grid(np.clip(points, low, high), 1 << POSITION_BITS)), tables, threads)
 
@@ -272,6 +273,6 @@ def infer_values(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.
 
 
 def voxel_values(xyz: np.ndarray, resolution: int, tables: Tables, threads: int = 1) -> np.ndarray:
-    """The values of a field's voxels (11.8): uint8 [N, C], what its centre answers, rounded. xyz: integers [N, 3]."""
+    """The values of a field's voxels (11.8): uint8 [N, C], rounded values at their centres. xyz: integers [N, 3]."""
     values = infer(voxel_positions(xyz, resolution), tables, threads).astype(np.int64)
     return ((values + (1 << (VALUE_BITS - 1))) >> VALUE_BITS).astype(np.uint8)

@@ -52,7 +52,7 @@ class Neural(JointCodec):
         return PROFILES[2]
 
     def seconds(self, options: EncodeOptions) -> float:
-        """Of the fit, with two threads."""
+        """Seconds of the fit, with two threads."""
         return options.steps * 6e-3
 
     def enc(self, source: Source, options: NeuralOptions, report: Report) -> Joint:
@@ -64,14 +64,14 @@ class Neural(JointCodec):
         return Joint(payload_values(payload, FORM_TRANSPORT if options.transport else FORM_RESIDENT), tables, choices)
 
     def count_samples(self, values: dict, surfaces: list[LatticeMesh], position_bits: int) -> int:
-        """Of the voxels of latents (11.3)."""
+        """As JointCodec.count_samples: the samples for the voxels of latents (11.3)."""
         from ...field.voxelise import count_samples
 
         grids = [level["level_resolution"] for level in values["latent_levels"] if level["table_log2"] == 0]
         return sum(count_samples(lattice, faces, position_bits, grid) for lattice, faces in surfaces for grid in grids)
 
     def count_latents(self, values: dict) -> int:
-        """Rows times latents of a row."""
+        """Number of rows times latents per row."""
         return sum(level["NumRows"] for level in values["latent_levels"]) * values["num_features"]
 
     def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
@@ -88,7 +88,7 @@ class Neural(JointCodec):
             return [Tables(payload, i, keys) for i, keys in enumerate(grids)]
 
     def check(self, values: dict) -> None:
-        """Relations of clause 5.7.4."""
+        """Checks the relations of clause 5.7.4."""
         if values["num_features"] % 2:
             raise StreamError("TXF-S04", "num_features is odd", clause="5.7.4", offset=values["offset"],
                               value=values["num_features"], allowed="even")
@@ -98,7 +98,7 @@ class Neural(JointCodec):
                               value=len(values["latent_data"]), allowed=length)
 
     def describe(self, values: dict) -> dict:
-        """The form, and the bytes of the resident form without the index that the geometry gives."""
+        """The form, the levels, and the bytes of the resident form without its index, which the geometry gives."""
         rows = [level["NumRows"] for level in values["latent_levels"]]
         neural = {"form": "transport" if values["form"] == FORM_TRANSPORT else "resident", "features": values["num_features"],
                   "levels": [{"resolution": level["level_resolution"], "table_log2": level["table_log2"], "rows": n}
@@ -127,7 +127,7 @@ class Neural(JointCodec):
                     "latent_keys": np.concatenate([np.zeros(0, np.int64), *keys])}
 
     def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list[Evaluator]:
-        """As JointCodec.unpack; the payload is checked like one in a stream."""
+        """As JointCodec.unpack; the payload is checked as in a stream."""
         from .payload import Tables, payload_of, take_codes
 
         data = np.ascontiguousarray(arrays["neural"], np.uint8).tobytes()
@@ -179,7 +179,7 @@ def _level_voxels(surface, position_bits, level, number, options):
 
 
 def _split_keys(payload, joined, fields):
-    """Voxels of latents by field and level out of one array; ValueError where they are none."""
+    """Splits an array of latents' voxels by field and level. Raises ValueError for an invalid array."""
     from ...field.voxels import keys_are_sound
 
     at = 0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class NeuralOptions:
-    """Settings of a fit; each as of EncodeOptions."""
+    """Settings of a fit, as in EncodeOptions."""
 
     point: str | None
     resident_bytes: int | None

@@ -1,4 +1,4 @@
-"""Sizes and ways of a 3DNTC fit that a user may ask for; no numba here."""
+"""Sizes and variants of a 3DNTC fit that users may request; no numba here."""
 
 LATENT_INDICES = ("mixed", "surface", "hash")
 FIT_ENGINES = ("auto", "numba", "torch")

@@ -1,8 +1,8 @@
-"""The 3DNTC payload (spec clause 11): what a GPU keeps of all fields together, and the tables that evaluation reads.
+"""The 3DNTC payload (spec clause 11): the data that a GPU keeps for all fields together, and the tables that evaluation reads.
 
-Latents stand in levels, coarse grids of the canonical cube. A level without a hash keeps one row of latents for every voxel that
-the surface touches at its resolution, found through a brick map that both sides derive from the geometry; with a hash it is a
-table of 2**table_log2 rows that voxels share.
+Latents are arranged in levels, coarse grids of the canonical cube. A level without a hash has one row of latents for every voxel
+that the surface touches at its resolution; both sides derive the brick map that indexes it from the geometry. A level with a hash
+is a table of 2**table_log2 rows that voxels share.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ BRICK_BYTES = 24  # resident index (11.10): key, first row, first octant, octant
 @dataclass(frozen=True)
 class Level:
     """resolution: voxels a side; table_log2: 0, or the hash table has 2**table_log2 rows; area_threshold: as that of a field
-    (5.5); entries: rows per field, () where the level is hashed."""
+    (5.5); entries: rows per field, () if the level is hashed."""
 
     resolution: int
     table_log2: int
@@ -47,7 +47,7 @@ class Level:
 
 @dataclass
 class Payload:
-    """features: latents a row, even; octaves, first_wave: of the waves (11.5); hidden: widths; components: outputs; halves:
+    """features: latents per row, even; octaves, first_wave: of the waves (11.5); hidden: widths; components: outputs; halves:
     uint16 [P] binary16 parameters, layer by layer, weights [outputs, inputs], then biases; codes: int8 [N, features] in -8..7,
     level by level, field by field, in the order of the Morton keys."""
 
@@ -62,7 +62,7 @@ class Payload:
 
     @property
     def widths(self) -> tuple[int, ...]:
-        """Inputs, hidden layers, outputs."""
+        """Widths of inputs, hidden layers and outputs."""
         return (len(self.levels) * self.features + WAVE_INPUTS * self.octaves, *self.hidden, self.components)
 
     @property
@@ -75,7 +75,7 @@ class Payload:
 
     @cached_property
     def evaluated(self) -> tuple:
-        """Codes and network as infer reads them, made once for all fields; see infer._infer for the arrays."""
+        """Codes and network in the form that infer._infer reads, computed once for all fields."""
         codes = np.zeros((len(self.codes), -(-self.features // CHUNK) * CHUNK), np.int8)
         codes[:, : self.features] = 2 * self.codes + np.int8(1)
         return codes, self.features, self.octaves, self.first_wave, *network_arrays(self)
@@ -87,19 +87,19 @@ class Payload:
 
 
 def resident_bytes(payload: Payload, index: int = 0) -> dict[str, int]:
-    """Bytes that a GPU keeps: {"latents", "network", "index", "total"}. index: index_bytes of all fields and levels together."""
+    """Bytes that a GPU keeps: {"latents", "network", "index", "total"}. index: sum of index_bytes over all fields and levels."""
     sizes = {"latents": payload.rows * payload.features // 2, "network": 2 * payload.parameters, "index": index}
     return sizes | {"total": sum(sizes.values())}
 
 
 def index_bytes(keys: np.ndarray) -> int:
-    """Bytes of the resident index over one voxel set (11.10): BRICK_BYTES per 8x8x8 brick and 8 bytes of occupancy per 4x4x4
-    octant in use. keys: ascending int64 Morton keys."""
+    """Bytes of the resident index over one voxel set (11.10): BRICK_BYTES per 8x8x8 brick and 8 bytes of occupancy per occupied
+    4x4x4 octant. keys: ascending int64 Morton keys."""
     return BRICK_BYTES * len(np.unique(keys >> 9)) + 8 * len(np.unique(keys >> 6))
 
 
 def enc_codes(codes: np.ndarray) -> bytes:
-    """INT4 codes of a resident payload: two a byte, the first in the low bits. codes: int8 [N, F], F even. Returns bytes."""
+    """INT4 codes of a resident payload as bytes: two per byte, the first in the low bits. codes: int8 [N, F], F even."""
     pairs = (codes.reshape(-1, 2).astype(np.int64) & 15).astype(np.uint8)
     return (pairs[:, 0] | pairs[:, 1] << 4).tobytes()
 
@@ -112,7 +112,7 @@ def dec_codes(data: bytes, features: int) -> np.ndarray:
 
 
 def _check_halves(halves, offset):
-    """Refuses parameters that are not finite or too large (5.7.4)."""
+    """Refuses parameters that are not finite or too large (5.7.4). Raises StreamError."""
     bad = np.flatnonzero((halves >> 10 & 31) > MAX_EXPONENT)
     if len(bad):
         raise StreamError("TXF-S50", "a network parameter is not a number or too large", clause="5.7.4", offset=offset,
@@ -132,8 +132,8 @@ def payload_values(payload: Payload, form: int) -> dict:
 
 
 def payload_of(values: dict, limits: Limits) -> Payload:
-    """Payload of an attribute unit's syntax values, without its codes, which may be many: they follow with take_codes once the
-    levels have been checked against the geometry. Raises StreamError and LimitError."""
+    """Payload of an attribute unit, without its codes. There may be many, so take_codes() adds them once the levels have been
+    checked against the geometry. Raises StreamError and LimitError."""
     levels = tuple(Level(level["level_resolution"], level["table_log2"], level["latent_threshold"], tuple(level["num_latents"]))
                    for level in values["latent_levels"])
     payload = Payload(values["num_features"], values["wave_octaves"], values["first_wave"], tuple(values["hidden_width"]), levels,
@@ -146,7 +146,7 @@ def payload_of(values: dict, limits: Limits) -> Payload:
 
 
 def take_codes(payload: Payload, values: dict) -> None:
-    """Unpacks the latents of an attribute unit's syntax values into a payload made of them."""
+    """Unpacks the latents of an attribute unit into the payload that payload_of() made of the unit."""
     if values["form"] == FORM_TRANSPORT:
         payload.codes = dec_transport(values["latent_data"], payload.rows, payload.features)
     else:
@@ -154,11 +154,11 @@ def take_codes(payload: Payload, values: dict) -> None:
 
 
 class Tables:
-    """What infer reads for one field. index: where the latents are (levels, places, slots, bricks, words, ranks), made from keys;
-    network: codes and network of payload; see infer._infer for the arrays."""
+    """The tables that infer reads for one field. index: the index of the latents (levels, places, slots, bricks, words, ranks),
+    built from keys; network: codes and network of payload; see infer._infer for the arrays."""
 
     def __init__(self, payload: Payload, number: int, keys: list[np.ndarray | None]) -> None:
-        """keys: per level, ascending int64 Morton keys of the field's voxels, or None where the level is hashed."""
+        """keys: per level, ascending int64 Morton keys of the field's voxels, or None if the level is hashed."""
         maps = [build_brick_map(np.zeros(0, np.int64) if k is None else k) for k in keys]
         levels = [(level.resolution, level.table_log2, payload.first_row(number, n), number * HASH_FIELD)
                   for n, level in enumerate(payload.levels)]
@@ -173,7 +173,7 @@ class Tables:
             self.take_values(payload)
 
     def take_values(self, payload: Payload) -> None:
-        """Codes and network of a payload of the same design."""
+        """Replaces codes and network by those of a payload of the same design."""
         self.payload, self.network = payload, payload.evaluated
 
     @property
@@ -182,17 +182,17 @@ class Tables:
         return *self.index, *self.network
 
     def values(self, support: VoxelSupport, threads: int = 1) -> np.ndarray:
-        """Values of a VoxelSupport's voxels (11.8): uint8 [N, C]."""
+        """Values at the voxels of a support (11.8): uint8 [N, C]."""
         return voxel_values(support.xyz(), support.resolution, self, threads)
 
     def query(self, cube: CanonicalCube, points: np.ndarray, threads: int = 1) -> np.ndarray:
-        """What the network says at world points, float64 [M, 3], in a CanonicalCube: float32 [M, C] in 0..255."""
+        """Values at world points: float32 [M, C] in 0..255. cube: CanonicalCube; points: float64 [M, 3]."""
         return answer(cube, points, self, threads)
 
 
 def network_arrays(payload: Payload) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The network as infer reads it: widths int64, padded to multiples of 4; weight int32 [layers, rows, rows]; bias int64
-    [layers, rows], 30 fractional bits."""
+    """The network in the form that infer reads: widths int64, padded to multiples of 4; weight int32 [layers, rows, rows]; bias
+    int64 [layers, rows], 30 fractional bits."""
     fixed = fixed_weights(payload.halves)
     weights, biases = split_parameters(fixed, payload.widths)
     padded = np.array([-(-w // 4) * 4 for w in payload.widths], np.int64)
@@ -204,7 +204,7 @@ def network_arrays(payload: Payload) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def split_parameters(flat: np.ndarray, widths: Sequence[int]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """(weights [outputs, inputs] by layer, biases [outputs] by layer) of the parameters in stream order."""
+    """(weights [outputs, inputs] by layer, biases [outputs] by layer). flat: parameters in stream order."""
     weights, biases, at = [], [], 0
     for i, o in zip(widths[:-1], widths[1:], strict=True):
         weights.append(flat[at : at + i * o].reshape(o, i))

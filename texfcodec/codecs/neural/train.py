@@ -1,9 +1,9 @@
 """Fused kernels of the 3DNTC fit: latents and network forward and backward, and their steps, in float32 (encoder only).
 
-LANES samples go through the network side by side, a component a row, so that every inner loop runs along a row. The
-latents are read as the decoder will have them, rounded to INT4, and their gradient passes the rounding unchanged; after
-each step they are put back into the range, or those that left it would never get a gradient again (41.7 instead of 44.4 dB).
-fastmath lets sums be reordered and fused, which no decoder sees: what is fitted is judged by the integer evaluation.
+LANES samples pass through the network side by side, one component per row, so that every inner loop runs along a row. The latents
+are read as the decoder reads them, rounded to INT4, and their gradient passes the rounding unchanged. After each step latents are
+clipped to the range; otherwise those outside would never get a gradient again (41.7 instead of 44.4 dB). fastmath lets sums be
+reordered and fused. No decoder is affected, because the fit is judged by the integer evaluation.
 """
 
 from typing import Any
@@ -73,7 +73,7 @@ def _outer(slope, x, weight, bias, outputs, inputs):
 
 @kernel(**fused)
 def _activate(y, slope, rows):
-    """Hard GELU in place, and its slope."""
+    """Applies the hard GELU in place and fills its slope."""
     edge, third = np.float32(1.5), np.float32(1.0 / 3.0)
     for o in range(rows):
         for l in range(LANES):
@@ -85,7 +85,7 @@ def _activate(y, slope, rows):
 
 @kernel(**fused)
 def _corner_weights(position, resolution, corner, weight):
-    """Trilinear weights of one sample on one level, float32 [8], 0 where no latent is; renormalised."""
+    """Fills weight float32 [8] with the trilinear weights of one sample on one level, renormalised; 0 for absent latents."""
     unity, unit, part = np.float32(1), np.float32(1.0 / (1 << LOCAL_BITS)), (1 << LOCAL_BITS) - 1
     u = np.float32(_local(position[0], resolution) & part) * unit
     v = np.float32(_local(position[1], resolution) & part) * unit
@@ -105,10 +105,12 @@ def _corner_weights(position, resolution, corner, weight):
 
 @kernel(allocates=True, **fused)
 def _read(position, cell, corners, codes, features, resolutions, octaves, first_wave, weight, x):
-    """Network inputs of up to LANES samples into x float32 [inputs + CHUNK, LANES]: latents level by level, waves. codes: int8
-    [N, padded] as 2 q + 1, 0 in the padding; features: latents a row without it; weight: float32 [L, LANES, 8], filled for
-    _scatter. Latents are copied together first: a batch is spread over the surface, and waiting for memory, cache line by cache
-    line, took half of the time."""
+    """Writes the network inputs of up to LANES samples to x float32 [inputs + CHUNK, LANES]: latents level by level, waves.
+
+    codes: int8 [N, padded] as 2 q + 1, 0 in the padding; features: latents per row without padding; weight: float32 [L, LANES,
+    8], filled for _scatter. Latents are first copied together: a batch is spread over the surface, and waiting for memory, cache
+    line by cache line, took half of the time.
+    """
     padded, lanes = codes.shape[1], position.shape[0]
     sums, near = np.empty(padded, np.float32), np.empty((8 * LANES, padded), np.int8)
     for level in range(resolutions.shape[0]):
@@ -143,8 +145,8 @@ def _read(position, cell, corners, codes, features, resolutions, octaves, first_
 
 @kernel(allocates=True, **fused)
 def _scatter(cell, corners, features, weight, slope, gradient, touched):
-    """Transpose of the latents' part of _read: slope float32 [inputs, LANES] is added to gradient float32 [N, padded], rows of
-    which are touched together first, as in _read. What that adds up to goes to touched float32 [1], or it would be left out."""
+    """Transpose of the latents' part of _read: adds slope float32 [inputs, LANES] to gradient float32 [N, padded]. As in _read,
+    its rows are first read together. The sum of this pass goes to touched float32 [1], or the compiler would remove it."""
     padded = gradient.shape[1]
     part, total = np.zeros(padded, np.float32), np.float32(0)
     for level in range(cell.shape[1]):
@@ -168,7 +170,8 @@ def _scatter(cell, corners, features, weight, slope, gradient, touched):
 
 @kernel(**fused)
 def _forward(widths, weight, bias, a, d):
-    """Activations a float32 [layers + 1, rows, LANES] from the inputs in a[0]; d: slopes of the hidden ones."""
+    """Fills a float32 [layers + 1, rows, LANES] with activations from the inputs in a[0], and d with slopes of the hidden
+    layers."""
     layers = widths.shape[0] - 1
     for n in range(layers):
         _dense(weight[n], bias[n], a[n], a[n + 1], widths[n], widths[n + 1])
@@ -195,12 +198,12 @@ def _backward(widths, turned, none, a, d, g, cell, corners, features, shares, la
 @kernel(allocates=True, **fused)
 def _train(position, target, share, slope, cell, corners, codes, features, resolutions, octaves, first_wave, widths, weight,
            turned, bias, latent_gradient, weight_gradient, bias_gradient):
-    """Adds the gradient of the squared error over samples; returns that error, weighted and summed over components.
+    """Adds the gradient of the squared error over samples. Returns that error, weighted and summed over components.
 
     position: int32 [M, 3]; target: uint8 [M, C]; share: uint8 [M, C] weights of the errors; slope: float32 [0, 0], or [M, C]
-    slopes by the outputs that take the error's place; cell: int32 [M, L] rows of corners int32 [.., 8], which name rows of codes
-    int8 [N, padded] or -1; widths: int64 [layers + 1], multiples of 4; weight: float32 [layers, rows, rows]; turned: its layers
-    transposed. All of it is made by fit.py from the same tables.
+    derivatives by the outputs that replace those of the error; cell: int32 [M, L] rows of corners int32 [.., 8], which contain
+    rows of codes int8 [N, padded] or -1; widths: int64 [layers + 1], multiples of 4; weight: float32 [layers, rows, rows];
+    turned: its layers transposed. fit.py makes all of it from the same tables.
     """
     layers, rows = widths.shape[0] - 1, weight.shape[1]
     a, d = np.zeros((layers + 1, rows + CHUNK, LANES), np.float32), np.zeros((layers + 1, rows, LANES), np.float32)
@@ -226,7 +229,7 @@ def _train(position, target, share, slope, cell, corners, codes, features, resol
 
 @kernel(allocates=True, **fused)
 def _evaluate(position, cell, corners, codes, features, resolutions, octaves, first_wave, widths, weight, bias, out):
-    """Answers of the network in float32, as in _train, into out float32 [M, C] on the scale 0..255, not clipped."""
+    """Writes the network's outputs in float32, as in _train, to out float32 [M, C] on the scale 0..255, not clipped."""
     layers, rows = widths.shape[0] - 1, weight.shape[1]
     a, d = np.zeros((layers + 1, rows + CHUNK, LANES), np.float32), np.zeros((layers + 1, rows, LANES), np.float32)
     shares = np.zeros((cell.shape[1], LANES, 8), np.float32)
@@ -255,12 +258,12 @@ def _adam(value, gradients, mean, square, rate, mean_scale, square_scale):
 
 @kernel(allocates=True, **fused)
 def _move_rows(low, high, features, gradients, value, square, times, rate, warming, codes):
-    """Moves those of the rows low..high-1 of latents that have a gradient against it, by `rate` over a running root mean square
-    of the row; the others wait.
+    """Moves the rows low..high-1 of latents that have a gradient against it, by `rate` over a running root mean square of the
+    row. Other rows do not change.
 
-    gradients: float32 [parts, N, padded], summed in order and cleared; square: float32 [N]; times: int32 [N], how often a row was
-    moved; warming: float32 [T], 1 / (1 - SQUARE_DECAY ** t), 1 from T on. Writes what a decoder will read, 2 q + 1, to codes
-    int8 [N, padded].
+    gradients: float32 [parts, N, padded], summed in order and cleared; square: float32 [N]; times: int32 [N], number of moves of
+    each row; warming: float32 [T], 1 / (1 - SQUARE_DECAY ** t), 1 from T on. Writes the values that a decoder reads, 2 q + 1, to
+    codes int8 [N, padded].
     """
     unity, keep, padded = np.float32(1), np.float32(SQUARE_DECAY), value.shape[1]
     powers = np.zeros(CHUNK, np.float32)
@@ -293,7 +296,7 @@ def _move_rows(low, high, features, gradients, value, square, times, rate, warmi
 
 @kernel(**fused)
 def _round_row(value, codes, features):
-    """Puts latents back into the range of INT4 and writes what a decoder reads, 2 q + 1, and 0 in the padding."""
+    """Clips latents to the range of INT4 and writes the values that a decoder reads, 2 q + 1, and 0 in the padding."""
     half, most = np.float32(CODES // 2), np.float32(1.0 - 1e-4)
     for c in range(0, value.shape[0], CHUNK):
         for k in range(c, c + CHUNK):
@@ -305,6 +308,6 @@ def _round_row(value, codes, features):
 
 @kernel(**fused)
 def _round_latents(value, codes, features):
-    """_round_row for all rows."""
+    """Applies _round_row to all rows."""
     for row in range(value.shape[0]):
         _round_row(value[row], codes[row], features)

@@ -1,4 +1,4 @@
-"""Transport form of the latents (spec clause 11.9): range-coded, to be unpacked into the resident form before use."""
+"""Transport form of the latents (spec clause 11.9): range-coded, and unpacked to the resident form before use."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ CLASSES = 4  # of an earlier row's code: its two upper bits
 
 @kernel
 def _context(codes, row, k):
-    """First of the 16 contexts of code [row, k]: by component and by what the two rows before hold there."""
+    """First of the 16 contexts of code [row, k]: by component and by the codes of the two rows before."""
     above = (np.int64(codes[row - 1, k]) + 8) >> 2 if row > 0 else 2
     before = (np.int64(codes[row - 2, k]) + 8) >> 2 if row > 1 else 2
     return ((k * CLASSES + above) * CLASSES + before) << CODE_BITS
@@ -41,7 +41,7 @@ def _dec_codes(codes, state, data, contexts):
 
 
 def enc_transport(codes: np.ndarray) -> bytes:
-    """Codeword of latents. codes: int8 [N, F] in -8..7. Returns bytes."""
+    """Codeword of latents. codes: int8 [N, F] in -8..7."""
     out, state = np.empty(codes.size + 64, np.uint8), new_encoder()
     _enc_codes(np.ascontiguousarray(codes), state, out, new_contexts(codes.shape[1] * CLASSES * CLASSES << CODE_BITS))
     return finish(state, out)

@@ -54,7 +54,7 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report, known: Kn
         Receives seconds by stage and warnings.
     known : callable, optional
         (syntax values of an attribute unit, its Group) -> uint8 [N, C] or None. The encoder passes the values that it has, so
-        that its own stream decodes faster. Their checksum is compared all the same.
+        that its own stream decodes faster. Their checksum is still compared.
 
     Returns
     -------

@@ -20,7 +20,7 @@ def _along(px, py, pz, ax, ay, az, bx, by, bz):
 def corner_weights(px, py, pz, corner, out):
     """Writes the weights of the three corners, float64 [3, 3], at the face's point nearest to p to out float64 [3].
 
-    Decoding passes whole numbers below 2**20 as corners. The cross product n of two edges is then exact, and rounding does not
+    Decoding passes integers below 2**20 as corners. The cross product n of two edges is then exact, and rounding does not
     hide the area of a sliver.
     """
     ux, uy, uz = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
@@ -64,7 +64,7 @@ def texel_positions(points: np.ndarray, positions: np.ndarray, faces: np.ndarray
                     face_index: np.ndarray) -> np.ndarray:
     """UVs, float64 [M, 2], at the positions on faces nearest to points.
 
-    points: float64 [M, 3]; positions: float64 [V, 3], whole numbers below 2**20; faces: int64 [F, 3] into them; uv: float64 [V,
+    points: float64 [M, 3]; positions: float64 [V, 3], integers below 2**20; faces: int64 [F, 3] into them; uv: float64 [V,
     2]; face_index: int64 [M] into faces, checked by the caller.
     """
     out = np.empty((len(points), 2))

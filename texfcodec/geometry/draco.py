@@ -68,7 +68,7 @@ def enc_textured(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray, positio
 
 
 def _exact_bits(longest):
-    """Least bits of a quantisation of 0..longest that preserves every whole number.
+    """Least bits of a quantisation of 0..longest that preserves every integer.
 
     Draco scales by 2**bits - 1 over longest in 32-bit floats. This moves a number by up to 2**(bits - 22) steps, in addition to
     half a step of rounding; a scale of 1 moves nothing.
@@ -177,7 +177,7 @@ def _uv_of(mesh, count, coding, offset):
 
 
 def _unquantised(data, coding):
-    """Integers from UVs in 32-bit floats; -1 for a UV that is not near a whole number. Draco's own rounding moves a UV by at most
+    """Integers from UVs in 32-bit floats; -1 for a UV that is not near an integer. Draco's own rounding moves a UV by at most
     an eighth of a step, so a tolerance of a quarter is unambiguous."""
     last = (1 << coding.bits) - 1
     steps = np.nan_to_num(data.astype(np.float64) * (last / coding.range), nan=-1.0)

@@ -110,7 +110,7 @@ def _simplify_small():
     from .encoder.mesh.drawn_source import draw_onto
     from .encoder.mesh.joint_lattice import joint_lattice
     from .encoder.mesh.simplify import simplify
-    from .encoder.mesh.vertex_fit import fit_vertices
+    from .encoder.mesh.vertex_fit import MatchedLines, fit_vertices
     from .geometry.canonical import fit_cube
     from .geometry.mesh import Mesh
 
@@ -120,7 +120,7 @@ def _simplify_small():
     sheet = Mesh(np.stack([x, y, np.sin(x)], axis=1), np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]))
     order = simplify(sheet)
     some = order.at(16)
-    fit = fit_vertices(sheet, some.mesh, order.lines, some.lines, samples=100, rounds=1)
+    fit = fit_vertices(sheet, some.mesh, MatchedLines(order.lines, some.lines), samples=100, rounds=1)
     joint_lattice(fit, fit_cube(sheet.positions, 10))
     draw_onto(sheet, np.zeros(len(sheet.faces), np.int64), fit.mesh, np.zeros(len(fit.mesh.faces), np.int64))
 

@@ -1,6 +1,7 @@
 """The command lines with --codec 3dntc."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -35,10 +36,11 @@ def test_people_read_what_the_gpu_keeps_and_what_the_fit_reached(call, mesh, tmp
 
 
 def test_people_read_what_pictures_gained(call, mesh, tmp_path, monkeypatch):
-    from texfcodec.encoder.values import picture_refinement
+    from texfcodec.encoder.values import picture_refinement, pictures
 
-    real, few = picture_refinement.refine_by_pictures, {"iterations": 1, "size": 64}
-    monkeypatch.setattr(picture_refinement, "refine_by_pictures", lambda *told, **named: real(*told, **(named | few)))
+    real, few = picture_refinement.refine_by_pictures, pictures.Schedule(iterations=1, size=64)
+    short = lambda fit, source, bits, schedule, **named: real(fit, source, bits, replace(few, seed=schedule.seed), **named)
+    monkeypatch.setattr(picture_refinement, "refine_by_pictures", short)
     code, out, _ = call("texf-enc", mesh, tmp_path / "a.texf", *SMALL, "--refine", "render")
     assert code == 0 and "refined on pictures" in out
     code, out, _ = call("texf-enc", mesh, tmp_path / "b.texf", *SMALL, "--refine", "fit", "--json")

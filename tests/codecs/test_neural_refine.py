@@ -1,9 +1,10 @@
 """What a 3DNTC fit learns from: samples denser where there is more to learn, and pictures after it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shapes import painted_sphere
-from texfcodec.encoder.optimise import picture_refinement, pictures
 
 from texfcodec.codecs.base import Source as CodecSource
 from texfcodec.codecs.neural import fit_samples as samples_module
@@ -11,7 +12,9 @@ from texfcodec.codecs.neural.design import choose_design
 from texfcodec.codecs.neural.fit import Fit
 from texfcodec.codecs.neural.fit_samples import Source
 from texfcodec.encoder.encode import encode_scene
+from texfcodec.encoder.values import picture_refinement, pictures
 from texfcodec.encoder.values.map_planes import groups_of
+from texfcodec.encoder.values.pictures import Schedule
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
 from texfcodec.precompile import small_scene
@@ -97,7 +100,7 @@ def restore(fit, state):
 def test_pictures_bring_the_payload_closer_in_views_it_has_not_seen(fitted):
     fit, source, bits = fitted
     before = state_of(fit)
-    log, kept = picture_refinement.refine_by_pictures(fit, source, bits, iterations=10, views=2, size=96)
+    log, kept = picture_refinement.refine_by_pictures(fit, source, bits, Schedule(iterations=10, views=2, size=96))
     assert kept > 0 and log[kept]["held_out_loss"] < 0.98 * log[0]["held_out_loss"]
     drawing = picture_refinement.Pictures(source, fit.tables, bits, 99, 96)
     judges = [drawing.next() for _ in range(8)]
@@ -113,7 +116,7 @@ def test_a_fit_in_torch_is_refined_like_the_other(fitted):
     made, source, bits = fitted
     fit = TorchFit(made.design, made.tables, made.samples, made.held_out, 0, 2, device="cpu", batch=4096)
     fit.run(30)
-    log, kept = picture_refinement.refine_by_pictures(fit, source, bits, iterations=5, views=2, size=64)
+    log, kept = picture_refinement.refine_by_pictures(fit, source, bits, Schedule(iterations=5, views=2, size=64))
     assert kept > 0
     codes = fit.codes.copy()
     fit.download()  # what is on the device is what was kept
@@ -144,7 +147,7 @@ def test_nothing_is_kept_of_steps_that_lead_away(fitted, monkeypatch):
     fit, source, bits = fitted
     before, codes = state_of(fit), fit.codes.copy()
     monkeypatch.setattr(picture_refinement, "RATE", 50.0)
-    log, kept = picture_refinement.refine_by_pictures(fit, source, bits, iterations=20, views=1, size=64)
+    log, kept = picture_refinement.refine_by_pictures(fit, source, bits, Schedule(iterations=20, views=1, size=64))
     assert kept == 0 and len(log) == 1 + pictures.PATIENCE  # it did not go on for all of them
     assert all(np.array_equal(a, b) for a, b in zip(fit.values, before, strict=True)) and np.array_equal(fit.codes, codes)
 
@@ -159,7 +162,8 @@ def test_a_payload_with_alpha_is_left_alone_and_the_report_says_why():
 @pytest.mark.parametrize("asked, kind", [("auto", "off"), ("off", "off"), ("render", None)])
 def test_the_report_says_whether_and_why(asked, kind, monkeypatch):
     report, real = Report(), picture_refinement.refine_by_pictures
-    monkeypatch.setattr(picture_refinement, "refine_by_pictures", lambda *told, **named: real(*told, **named, size=64))
+    small = lambda fit, source, bits, schedule, **named: real(fit, source, bits, replace(schedule, size=64), **named)
+    monkeypatch.setattr(picture_refinement, "refine_by_pictures", small)
     options = EncodeOptions(codec="3dntc", resident_bytes=40_000, steps=20, refine=asked, refine_iterations=1, resolution=32)
     told = encode_scene(painted_sphere(), options, report).choices["refinement"]
     assert told["asked"] == asked and told["reason"] and (told["kind"] == kind if kind else len(told["iterations"]) == 2)

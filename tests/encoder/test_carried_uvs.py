@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from texfcodec.encoder.mesh.carried_uvs import carried_uvs
+from texfcodec.encoder.mesh.carried_uvs import SeamedMesh, carried_uvs
 from texfcodec.encoder.mesh.crease_edges import seam_edges
 from texfcodec.encoder.mesh.simplify import simplify
 from texfcodec.geometry.areas import sample_surface
@@ -43,7 +43,7 @@ def test_the_texture_stays_where_it_was(shape, seams, share):
     assert len(edges) == seams
     some = simplify(source, edges).at(round(share * len(source.faces)))
     assert len(some.mesh.faces) <= share * len(source.faces)
-    carried = carried_uvs(source, uv, edges, some.mesh, some.face, some.edges(edges))
+    carried = carried_uvs(SeamedMesh(source, edges), uv, SeamedMesh(some.mesh, some.edges(edges)), some.face)
     face, bary = sample_surface(some.mesh.positions, some.mesh.faces, 5000)
     points, there = points_at(some.mesh, face, bary), (carried[face] * bary[..., None]).sum(axis=1)
     if shape is sheet:
@@ -65,10 +65,10 @@ def test_a_chart_takes_nothing_from_the_one_beside_it():
     uv[right] = 0.9 - uv[right]
     edges = seam_edges(source.faces, corner=uv, apart=1e-5)
     some = simplify(source, edges).at(100)
-    carried = carried_uvs(source, uv, edges, some.mesh, some.face, some.edges(edges))
+    carried = carried_uvs(SeamedMesh(source, edges), uv, SeamedMesh(some.mesh, some.edges(edges)), some.face)
     mine = right[some.face]
     carried[mine] = 0.9 - carried[mine]
-    wanted = carried_uvs(source, plain, edges, some.mesh, some.face, some.edges(edges))
+    wanted = carried_uvs(SeamedMesh(source, edges), plain, SeamedMesh(some.mesh, some.edges(edges)), some.face)
     assert len(some.edges(edges)) < len(edges)
     assert np.abs(carried - wanted).max() < 1e-3
 
@@ -77,7 +77,7 @@ def test_corners_between_which_no_seam_is_have_one_uv():
     source, uv = tube()
     edges = seam_edges(source.faces, corner=uv, apart=1e-5)
     some = simplify(source, edges).at(len(source.faces) // 4)
-    carried = carried_uvs(source, uv, edges, some.mesh, some.face, some.edges(edges))
+    carried = carried_uvs(SeamedMesh(source, edges), uv, SeamedMesh(some.mesh, some.edges(edges)), some.face)
     rest = seam_edges(some.mesh.faces, corner=carried, apart=1e-9)
     assert {tuple(edge) for edge in rest.tolist()} == {tuple(edge) for edge in some.edges(edges).tolist()}
 
@@ -87,4 +87,5 @@ def test_a_chart_of_no_size_keeps_its_uv():
     uv[:] = 0.25
     some = simplify(source).at(500)
     none = np.zeros((0, 2), np.int64)
-    assert np.allclose(carried_uvs(source, uv, none, some.mesh, some.face, none), 0.25, atol=1e-12)
+    carried = carried_uvs(SeamedMesh(source, none), uv, SeamedMesh(some.mesh, none), some.face)
+    assert np.allclose(carried, 0.25, atol=1e-12)

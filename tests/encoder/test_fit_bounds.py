@@ -11,6 +11,7 @@ from shapes import mapped_sheet, noise, painted_sphere, scene_of
 from texfcodec.api import decode
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.encoder.values import inverse_render
+from texfcodec.encoder.values.pictures import Schedule
 from texfcodec.encoder.values.surface_fit import FieldSurface, fit_surface
 from texfcodec.field.grid import build_brick_map
 from texfcodec.field.morton import decode_morton, encode_morton
@@ -91,8 +92,8 @@ def inverse_rendering(draw: Draws) -> float:
     surface, start = field_surface(draw)
     rate = draw.pick((0.5, 1e4, 1e38, 1e300, -1e300, draw.power(-3, 300)))
     with patch.object(inverse_render, "RATE", rate), np.errstate(all="ignore"):
-        (got,), log, kept = inverse_render.refine_by_rendering([surface], [start], draw.pick((1, 2)), draw.integer(0, 9),
-                                                               iterations=5, views=1, size=16)
+        threads, schedule = draw.pick((1, 2)), Schedule(seed=draw.integer(0, 9), iterations=5, views=1, size=16)
+        (got,), log, kept = inverse_render.refine_by_rendering([surface], [start], threads, schedule)
     if not (np.isfinite(got).all() and got.min() >= 0 and got.max() <= 255) or (kept == 0 and not np.array_equal(got, start)):
         return np.inf
     return log[kept]["held_out_loss"] - log[0]["held_out_loss"] if kept else 0.0

@@ -65,11 +65,11 @@ def test_facets_stay_facets():
     for rule in (FLAT, SMOOTH):
         scene.corner_normal = corner_normals(usual.lattice, usual.faces, [rule])
         choice = MeshChoice(scene, usual, Lagrangian.of(options), MeshRequest.of(options), 1.0, Cache())
-        candidate = choice._meshes(usual, np.zeros(len(usual.faces), np.int64), False).look(4, 12)
+        candidate = choice._meshes(usual, np.zeros(len(usual.faces), np.int64), False).trial(4, 12)
         surface = candidate.sent.surface
         own = corner_normals(surface.lattice, surface.faces, [rule])
         apart = np.linalg.norm(candidate.sent.scene.corner_normal - own, axis=2)
-        assert choice.looks.is_flat == (rule == FLAT) and np.median(apart) < (1e-6 if rule == FLAT else 0.05)
+        assert choice.pictures.is_flat == (rule == FLAT) and np.median(apart) < (1e-6 if rule == FLAT else 0.05)
         seen.append(candidate.moved.mse)
     assert seen[0] > 2 * seen[1]
 
@@ -77,8 +77,8 @@ def test_facets_stay_facets():
 def test_more_bits_are_taken_by_what_is_seen_at_each(monkeypatch):
     """The error does not fall evenly where layers lie close: a peak at 16 bits hides nothing behind it."""
     scene, seen = bowl(24), {14: 3.0, 15: 2.5, 16: 8.0, 17: 0.1, 18: 0.1, 19: 0.1, 20: 0.1}
-    look = lambda self, surface: PictureError(seen[surface.cube.position_bits], 0.0, 0.0)
-    monkeypatch.setattr(MeshChoice, "look_at", look)
+    error_at = lambda self, surface: PictureError(seen[surface.cube.position_bits], 0.0, 0.0)
+    monkeypatch.setattr(MeshChoice, "picture_error", error_at)
     monkeypatch.setattr(Lagrangian, "byte", 1e-4)
     options = EncodeOptions(rate="r03")
     usual = make_surface(scene, options)
@@ -141,7 +141,7 @@ def test_tangents_go_with_the_faces_and_keep_their_side_of_the_image():
     along /= np.linalg.norm(along, axis=2, keepdims=True)
     scene.corner_tangent = np.concatenate([along, np.full((*along.shape[:2], 1), -1.0)], axis=2).astype(np.float32)
     choice = MeshChoice(scene, usual, Lagrangian.of(options), MeshRequest.of(options), 1.0, Cache())
-    sent = choice._meshes(usual, np.zeros(len(usual.faces), np.int64), True).look(4, 12).sent.scene
+    sent = choice._meshes(usual, np.zeros(len(usual.faces), np.int64), True).trial(4, 12).sent.scene
     wanted = np.cross(np.array([0.6, 0.8, 0.0]), sent.corner_normal)
     wanted /= np.linalg.norm(wanted, axis=2, keepdims=True)
     assert len(sent.faces) < 0.3 * len(scene.faces)

@@ -8,7 +8,7 @@ from shapes import painted_sphere, scene_of
 from texfcodec.encoder.encode import Encoder, encode_scene
 from texfcodec.encoder.values import inverse_render
 from texfcodec.encoder.values.inverse_render import Pictures, View, held_out, refine_by_rendering
-from texfcodec.encoder.values.pictures import keep_best
+from texfcodec.encoder.values.pictures import Schedule, keep_best
 from texfcodec.encoder.values.surface_fit import (
     DAMPING,
     HELD_OUT,
@@ -165,14 +165,14 @@ def test_scatter_is_the_transpose_of_blend():
 
 def test_inverse_rendering_repeats_for_a_seed_and_any_threads(textured):
     surfaces, colours = textured
-    runs = [refine_by_rendering(surfaces, colours, threads, iterations=2, views=2, size=96) for threads in (1, 2)]
+    runs = [refine_by_rendering(surfaces, colours, threads, Schedule(iterations=2, views=2, size=96)) for threads in (1, 2)]
     assert np.array_equal(runs[0][0][0], runs[1][0][0])
     assert [row["loss"] for row in runs[0][1]] == [row["loss"] for row in runs[1][1]]
 
 
 def test_inverse_rendering_lowers_the_loss_of_views_it_was_not_trained_on(textured):
     surfaces, colours = textured
-    refined, log, kept = refine_by_rendering(surfaces, colours, 2, iterations=10, views=4, size=128)
+    refined, log, kept = refine_by_rendering(surfaces, colours, 2, Schedule(iterations=10, views=4, size=128))
     assert kept > 0 and log[kept]["held_out_loss"] < log[0]["held_out_loss"]
     judges = held_out(Pictures(surfaces, 99, 2, 128))
     before, after = (np.mean([v.loss(np.concatenate(c), 2)[1] for v in judges]) for c in (colours, refined))

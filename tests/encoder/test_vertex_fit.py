@@ -6,9 +6,9 @@ from dense_matrix import dense
 from rough_meshes import grid, rough
 from shapes import sphere, square
 
-from texfcodec.encoder.mesh.normal_matrix import NormalEquations
+from texfcodec.encoder.mesh.normal_matrix import NormalEquations, PointResiduals
 from texfcodec.encoder.mesh.simplify import simplify
-from texfcodec.encoder.mesh.vertex_fit import DAMPING, STIFFNESS, TANGENTIAL, fit_vertices, own_fit
+from texfcodec.encoder.mesh.vertex_fit import DAMPING, STIFFNESS, TANGENTIAL, MatchedLines, fit_vertices, own_fit
 from texfcodec.geometry.mesh import Mesh
 from texfcodec.metrics.surface_distance import surface_distance
 
@@ -46,7 +46,7 @@ def test_the_equations_are_those_of_dense_least_squares():
     residual, direction, weight = rng.normal(size=(count, 3)), rng.normal(size=(count, 3)), rng.random(count)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     equations = NormalEquations(faces, 17)  # one vertex that no face has
-    equations.add(face, bary, residual, direction, weight, 0.7, 0.3)
+    equations.add(PointResiduals(face, bary, residual, direction, weight), 0.7, 0.3)
     rows = np.zeros((count, 3, 17, 3))
     for s in range(count):
         root = np.sqrt(weight[s] * 0.7) * np.outer(direction[s], direction[s])  # for a unit vector its own square
@@ -116,10 +116,10 @@ def test_lines_bring_a_border_back_to_where_it_was():
         return np.abs(mesh.positions[border, :2, None] - [0.0, 1.0]).min(axis=(1, 2)).max()
 
     pulled = Mesh(0.5 + (coarse.mesh.positions - 0.5) * [0.97, 0.97, 1], coarse.mesh.faces)
-    free, held = (fit_vertices(source, pulled, *lines, samples=20_000) for lines in ((), (steps.lines, coarse.lines)))
+    free, held = (fit_vertices(source, pulled, lines, 20_000) for lines in (None, MatchedLines(steps.lines, coarse.lines)))
     assert off(held.mesh) < 0.002 < 0.005 < off(free.mesh)
-    nothing = np.zeros((0, 2), np.int64)
-    np.testing.assert_array_equal(fit_vertices(source, pulled, steps.lines, nothing, 20_000).mesh.positions, free.mesh.positions)
+    nothing = MatchedLines(steps.lines, np.zeros((0, 2), np.int64))
+    np.testing.assert_array_equal(fit_vertices(source, pulled, nothing, 20_000).mesh.positions, free.mesh.positions)
 
 
 def test_a_mesh_without_area_is_refused():

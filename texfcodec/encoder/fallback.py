@@ -11,7 +11,7 @@ from ..geometry.draco import split_corners
 from ..geometry.geometry_unit import GeometryUnit
 from ..geometry.mesh import Mesh
 from ..scene.normal_rule import JOINED, NormalRule
-from .mesh.carried_uvs import carried_uvs
+from .mesh.carried_uvs import SeamedMesh, carried_uvs
 from .mesh.crease_edges import seam_edges, sharp_edges
 from .mesh.simplify import simplify
 
@@ -43,7 +43,8 @@ def with_fewer_faces(texf: Texf, count: int | None = None) -> Texf:
     order = simplify(source, np.concatenate([seams, sharp_edges(source, SHARP)]))
     some = order.at(_count_within(order) if count is None else count)
     if any(u.uv is not None for u in texf.units):
-        corner_uv = carried_uvs(source, corner_uv, seams, some.mesh, some.face, some.edges(seams))
+        simplified = SeamedMesh(some.mesh, some.edges(seams))
+        corner_uv = carried_uvs(SeamedMesh(source, seams), corner_uv, simplified, some.face)
     placed = np.clip(np.rint(some.mesh.positions), 0, texf.cube.last).astype(np.int64)
     units = [_unit(texf, number, placed, some.mesh.faces[rows], corner_uv[rows] if u.uv is not None else None)
              for number, u in enumerate(texf.units) for rows in [unit[some.face] == number] if rows.any()]

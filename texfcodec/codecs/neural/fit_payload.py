@@ -108,8 +108,8 @@ def _refined(fit, source, position_bits, options, report):
     facts = {"asked": options.refine, "kind": "off", "reason": reason}
     if reason:
         return facts
-    log, kept = source.on_pictures(fit, source, position_bits, options.seed, iterations=options.refine_iterations,
-                                   on_progress=lambda *n: report.progress("refine", *n))
+    log, kept = source.on_pictures(fit, source, position_bits, lambda *n: report.progress("refine", *n), seed=options.seed,
+                                   iterations=options.refine_iterations)
     facts |= {"iterations": log, "kept_iteration": log[kept]["iteration"]}
     if not kept:
         return facts | {"reason": "no held-out view improved"}

@@ -10,26 +10,35 @@ statue and a terrain pictures had 0.8 to 1.1 times the error, so that the simpli
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ...geometry.areas import face_areas
 from ...geometry.mesh import Mesh, face_normals, points_at
 from ...geometry.nearest_points import NearestPoints
 from .drawn_source import TURN
-from .normal_matrix import NormalEquations
+from .normal_matrix import NormalEquations, PointResiduals
 from .topology import wedges
 
 POINTS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6  # on every face: a quadrature that is exact for squares
 STIFFNESS, DAMPING = 1e-4, 1e-4
 
 
-def carried_uvs(source: Mesh, corner_uv: np.ndarray, seams: np.ndarray, mesh: Mesh, face: np.ndarray,
-                mesh_seams: np.ndarray, threads: int = 1) -> np.ndarray:
-    """UVs of a simplified mesh, float64 [G, 3, 2].
+class SeamedMesh(NamedTuple):
+    """A mesh and its seams. seams: int64 [L, 2], edges at which UVs differ."""
 
-    corner_uv: float64 [F, 3, 2] of the source; seams, mesh_seams: int64 [L, 2], edges at which UVs differ, of the source and what
-    they have become; face: int64 [G], the source's face that each is what is left of.
+    mesh: Mesh
+    seams: np.ndarray
+
+
+def carried_uvs(seamed_source: SeamedMesh, corner_uv: np.ndarray, simplified: SeamedMesh, face: np.ndarray,
+                threads: int = 1) -> np.ndarray:
+    """Return UVs of a simplified mesh, float64 [G, 3, 2].
+
+    corner_uv: float64 [F, 3, 2] of the source; face: int64 [G], source face that each simplified face comes from.
     """
+    (source, seams), (mesh, mesh_seams) = seamed_source, simplified
     chart, (wedge, _) = wedges(source.faces, seams)[1], wedges(mesh.faces, mesh_seams)
     of, bary = np.repeat(np.arange(len(source.faces)), len(POINTS)), np.tile(POINTS, (len(source.faces), 1))
     near = NearestPoints(mesh, chart[face]).find(points_at(source, of, bary), face_normals(source.positions[source.faces])[of],
@@ -40,7 +49,8 @@ def carried_uvs(source: Mesh, corner_uv: np.ndarray, seams: np.ndarray, mesh: Me
     residual = np.zeros((len(of), 3))
     residual[:, :2] = target - (uv[wedge][near.face] * near.bary[..., None]).sum(axis=1)
     equations = NormalEquations(wedge, len(uv))
-    equations.add(near.face[used], near.bary[used], residual[used], np.zeros((int(used.sum()), 3)), weight[used], 0.0, 1.0)
+    equations.add(PointResiduals(face=near.face[used], bary=near.bary[used], residual=residual[used],
+                                 direction=np.zeros((int(used.sum()), 3)), weight=weight[used]), 0.0, 1.0)
     return (uv + equations.solve(STIFFNESS, DAMPING)[0][:, :2])[wedge]
 
 

@@ -28,14 +28,14 @@ from ..decision import Decision
 from ..prepare.channel_weights import shown_of_radians
 from ..supports.image_groups import brought_near
 from ..values.unit_qp import has_few_colours
-from .carried_uvs import carried_uvs
+from .carried_uvs import SeamedMesh, carried_uvs
 from .crease_edges import seam_edges, sharp_edges
 from .draco_bytes import draco_bytes
 from .drawn_source import DrawnSource, FetchedNormals, draw_onto
 from .joint_lattice import joint_lattice
 from .picture_error import PictureComparison, PictureError
 from .simplify import simplify
-from .vertex_fit import fit_vertices, own_fit
+from .vertex_fit import MatchedLines, fit_vertices, own_fit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,7 +56,7 @@ REFERENCE_BITS = 12  # bits of the lattice that the others' error is reckoned fr
 SHARES = tuple(2 ** (-number / 2) for number in range(11))  # of the source's faces; a point 25 % off costs 1 to 2 % of the bytes
 SAME_UV = 1e-5  # differences from which on an edge is a seam
 FEWEST = 256  # faces: fewer take too few bytes to bother
-LOOKS = {"fast": 3, "balanced": 5, "best": 10}  # by effort, that at the usual bits among them
+TRIALS = {"fast": 3, "balanced": 5, "best": 10}  # by effort, that at the usual bits among them
 EAGER = 0.85  # of the error that is reckoned: what is hoped for where nothing was looked at
 # Of the error of colours: what the mesh may add, where colours take next to nothing and bytes would buy any error. The best
 # points of three scans have 0.5 to 1.2 times as much.
@@ -158,21 +158,21 @@ class MeshChoice:
         return "colours take no bytes, so there is no trade-off with geometry" if not self.most_moved else ""
 
     @cached_property
-    def looks(self) -> PictureComparison:
+    def pictures(self) -> PictureComparison:
         """Pictures of the source, and of it on other surfaces."""
         return self.cache.get("pictures", lambda: PictureComparison(
             self.scene, self.usual, shown_of_radians(self.scene.weights), self.price.threads))
 
-    def look_at(self, surface: Surface) -> PictureError:
+    def picture_error(self, surface: Surface) -> PictureError:
         """What the source on another lattice does to pictures."""
         key = _LatticeKey("pictures", surface.cube.position_bits)
-        return self.cache.get(key, lambda: self.looks.of(surface, self.looks.normals_of(surface)))
+        return self.cache.get(key, lambda: self.pictures.of(surface, self.pictures.normals_of(surface)))
 
     def finer(self) -> Surface:
         """The source at the bits, from the usual ones on, that cost least."""
         if self.evidence["reason"]:
             return self.usual
-        usual, error, best = self.usual.cube.position_bits, self.look_at(self.usual).error, self.usual
+        usual, error, best = self.usual.cube.position_bits, self.picture_error(self.usual).error, self.usual
         if self.price.cost(LEAST_A_BIT * _count_used(self.usual), error / MOST_A_BIT) >= self.price.cost(0, error):
             return self.usual
         least = self.price.cost(_geometry_bytes(best), error)
@@ -180,7 +180,7 @@ class MeshChoice:
             surface = self._on_lattice(bits)
             size = _geometry_bytes(surface)
             if self.price.cost(size, error / MOST_A_BIT ** (bits - usual)) < least:
-                cost = self.price.cost(size, self.look_at(surface).error)
+                cost = self.price.cost(size, self.picture_error(surface).error)
                 best, least = (surface, cost) if cost < least else (best, least)
         if best is not self.usual:
             self.evidence |= {"reason": "the usual position bits change the picture", "position_bits": best.cube.position_bits}
@@ -207,7 +207,7 @@ class MeshChoice:
         meshes = self._meshes(surface, group, bool(plans))
         search = _Search(self, meshes, plans)
         best = search.best(step)
-        sent = replace(meshes.look(*best.place).sent, saved=search.at_usual.cost - best.cost)
+        sent = replace(meshes.trial(*best.place).sent, saved=search.at_usual.cost - best.cost)
         return Decision(sent, search.evidence(best, sent.surface))
 
     def _meshes(self, surface, group, carries):
@@ -224,7 +224,7 @@ def _is_exact(plan):
     return plan.group.palette or (plan.size[0] * plan.size[1] <= FEW_TEXELS and has_few_colours(plan.group.image.reshape(-1, 4)))
 
 
-class _Look(NamedTuple):
+class _MeshTrial(NamedTuple):
     """A mesh that was looked at. sent: None where no face has area; face: int64 [G], the usual surface's that each of its faces
     was; moved: what it does to pictures."""
 
@@ -280,7 +280,7 @@ class _Search:
         self._candidate(*self.usual)
         first = self._candidate(0, REFERENCE_BITS)
         reckoned = self._reckoned(first) if first.faces else {}
-        most = LOOKS[self.choice.request.effort]
+        most = TRIALS[self.choice.request.effort]
         while reckoned and len(self.tried) < most:
             step(len(self.tried), most)
             place = min(reckoned, key=lambda place: self._promise(reckoned, place))
@@ -295,13 +295,13 @@ class _Search:
 
     def _candidate(self, place, bits):
         if (place, bits) not in self.tried:
-            self.tried[place, bits] = self._looked_at((place, bits))
+            self.tried[place, bits] = self._measured((place, bits))
             self.meshes.keep_only(self._least().place)
         return self.tried[place, bits]
 
-    def _looked_at(self, place):
+    def _measured(self, place):
         """The _Candidate at a place, refused where something speaks against it."""
-        sent, face, moved = self.meshes.look(*place)
+        sent, face, moved = self.meshes.trial(*place)
         if sent is None:
             return _Candidate(place=place, faces=0, geometry=0, moved=moved, cost=NOTHING, refused="no face is left")
         size = self._bytes(sent.surface, face, sent.scene.corner_uv[sent.surface.origin_face])
@@ -383,7 +383,7 @@ class _Meshes:
         positions[self.usual.faces] = self.scene.positions[self.scene.faces[self.usual.origin_face]]
         self.source = Mesh(positions, self.usual.faces)
         self.shares = SHARES[:1] if carries and self.scene.corner_color is not None else SHARES  # texels have vertices' colours
-        self._looks: dict[tuple[int, int], _Look] = {}
+        self._trials: dict[tuple[int, int], _MeshTrial] = {}
         self._moved: dict[tuple[int, int], PictureError] = {}
         self._fits: dict[int, _Fit] = {}
         self._simplifying: Callable[[], Simplification] | None = None
@@ -410,48 +410,49 @@ class _Meshes:
             lines.append(seam_edges(self.usual.faces, corner=self.scene.corner_normal[self.usual.origin_face], apart=HARD))
         return simplify(self.source, np.concatenate(lines))
 
-    def look(self, place: int, bits: int) -> _Look:
+    def trial(self, place: int, bits: int) -> _MeshTrial:
         """The mesh of a share of the faces at some position bits."""
-        if (place, bits) not in self._looks:
-            self._looks[place, bits] = self._new_look(place, bits)
-        return self._looks[place, bits]
+        if (place, bits) not in self._trials:
+            self._trials[place, bits] = self._new_trial(place, bits)
+        return self._trials[place, bits]
 
     def keep_only(self, place: tuple[int, int]) -> None:
         """Lets go of all looks but one, of share and bits; others are made again where they are asked for, but for their
         pictures."""
-        self._looks = {place: self.look(*place)}
+        self._trials = {place: self.trial(*place)}
 
-    def _new_look(self, place, bits):
+    def _new_trial(self, place, bits):
         if (place, bits) == (0, self.usual.cube.position_bits):
-            return _Look(kept(self.scene, self.usual), np.arange(len(self.usual.faces)), self.choice.look_at(self.usual))
+            moved, face = self.choice.picture_error(self.usual), np.arange(len(self.usual.faces))
+            return _MeshTrial(kept(self.scene, self.usual), face, moved)
         fit = self._fit(place)
         cube = replace(self.usual.cube, position_bits=bits)
         surface = place_mesh(cube, joint_lattice(fit.fit, cube), fit.fit.mesh.faces, self.usual.material[fit.face])
         if not face_areas(surface.lattice, surface.faces).any():
-            return _Look(None, fit.face, PictureError(NOTHING, 1.0, 1.0))
+            return _MeshTrial(None, fit.face, PictureError(NOTHING, 1.0, 1.0))
         face, there = fit.face[surface.origin_face], {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
         mesh, threads = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.choice.price.threads
         fetched = FetchedNormals(self.source, self._points, mesh, threads)
         sent = self._sent(surface, face, place > 0, there, fetched)
         if (place, bits) not in self._moved:
             self._moved[place, bits] = self._moved_by(sent, fetched)
-        return _Look(sent, face, self._moved[place, bits])
+        return _MeshTrial(sent, face, self._moved[place, bits])
 
     def _moved_by(self, sent, fetched):
         """What another mesh does to pictures. fetched: FetchedNormals there."""
-        looks, wanted = self.choice.looks, None
-        normals = looks.normals_of(sent.surface)
+        pictures, wanted = self.choice.pictures, None
+        normals = pictures.normals_of(sent.surface)
         if not sent.carries:
-            return looks.of(sent.source_on_mesh, sent.at_corners(normals))
-        if sent.scene.corner_normal is not None and looks.lit:
-            wanted = fetched.of(looks.normals[self.usual.origin_face].astype(np.float32))
-        return looks.of_mesh(sent.scene, sent.surface, normals, wanted, sent.source_face)
+            return pictures.of(sent.source_on_mesh, sent.at_corners(normals))
+        if sent.scene.corner_normal is not None and pictures.lit:
+            wanted = fetched.of(pictures.normals[self.usual.origin_face].astype(np.float32))
+        return pictures.of_mesh(sent.scene, sent.surface, normals, wanted, sent.source_face)
 
     @cached_property
     def aways(self) -> list[float]:
         """How far meshes of each of the shares are from the source, before they are fitted, in what REFERENCE_BITS's rounding is,
         which leaves faces: roots of mean squared distances."""
-        sent = self.look(0, REFERENCE_BITS).sent
+        sent = self.trial(0, REFERENCE_BITS).sent
         assert sent is not None
         cube, meshes = sent.surface.cube, [Mesh(sent.surface.cube.to_world(sent.surface.lattice), sent.surface.faces)]
         for share in self.shares[1:]:
@@ -479,12 +480,12 @@ class _Meshes:
             return _Fit(own_fit(self.source), np.arange(len(self.source.faces)), {})
         lines, threads = self._simplification.lines, self.choice.price.threads
         some = self._simplification.at(round(self.shares[place] * len(self.source.faces)))
-        fit, uvs = fit_vertices(self.source, some.mesh, lines, some.lines, rounds=1, threads=threads), {}
+        fit, uvs = fit_vertices(self.source, some.mesh, MatchedLines(lines, some.lines), rounds=1, threads=threads), {}
         if self._carries:
-            seams, rows = some.edges(self._seams), self.usual.origin_face
+            source, fitted = SeamedMesh(self.source, self._seams), SeamedMesh(fit.mesh, some.edges(self._seams))
+            rows = self.usual.origin_face
             for name, uv in {"": self.scene.corner_uv, **self.scene.map_uv}.items():
-                uvs[name] = carried_uvs(self.source, uv[rows].astype(np.float64), self._seams, fit.mesh, some.face, seams,
-                                         threads)
+                uvs[name] = carried_uvs(source, uv[rows].astype(np.float64), fitted, some.face, threads)
         return _Fit(fit, some.face, uvs)
 
     def _sent(self, surface, face, simplified, uvs, fetched):
@@ -498,8 +499,8 @@ class _Meshes:
     def _simplified(self, surface, rows, group, uvs, fetched):
         mesh, scene = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.scene
         normals = None
-        if scene.corner_normal is not None and self.choice.looks.is_flat:
-            normals = self.choice.looks.normals_of(surface)
+        if scene.corner_normal is not None and self.choice.pictures.is_flat:
+            normals = self.choice.pictures.normals_of(surface)
         elif scene.corner_normal is not None:
             normals = fetched.of(scene.corner_normal[self.usual.origin_face])
         sent = replace(scene, positions=mesh.positions, faces=mesh.faces, face_material=scene.face_material[rows],

@@ -4,6 +4,7 @@ only)."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,17 @@ class NormalMatrix:
         return out
 
 
+class PointResiduals(NamedTuple):
+    """Points of faces and where they should move. face: int64 [M]; bary: float64 [M, 3]; residual: float64 [M, 3], the wanted
+    movement; direction: float64 [M, 3]; weight: float64 [M]."""
+
+    face: np.ndarray
+    bary: np.ndarray
+    residual: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+
+
 class NormalEquations:
     """Sums up squared residuals of points on faces, and solves for the displacements of the vertices that make them least.
 
@@ -51,11 +63,9 @@ class NormalEquations:
         self._block = np.zeros((len(code), 3, 3))
         self._right = np.zeros((vertices, 3))
 
-    def add(self, face: np.ndarray, bary: np.ndarray, residual: np.ndarray, direction: np.ndarray, weight: np.ndarray,
-            along: float, around: float) -> None:
-        """Points of faces that shall move by `residual`: the error of a remainder r is weight (along (n r)^2 + around r^2), n
-        being the direction. face: int64 [M]; bary, residual, direction: float64 [M, 3]; weight: float64 [M]."""
-        _add(self._faces, self._slot, face, bary, residual, direction, weight, along, around, self._block, self._right)
+    def add(self, points: PointResiduals, along: float, around: float) -> None:
+        """Add the squared error of points: weight (along (n r)^2 + around r^2) for a remaining residual r and direction n."""
+        _add(self._faces, self._slot, *points, along, around, self._block, self._right)
 
     def solve(self, stiffness: float, damping: float) -> tuple[np.ndarray, NormalMatrix]:
         """(Displacements float64 [V, 3], the matrix that they solve). stiffness: weight of the squared differences of

@@ -8,13 +8,14 @@ the caller names) count by their distance to the line. The nearest points change
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ...geometry.areas import face_areas, sample_surface
 from ...geometry.mesh import Mesh, points_at
 from ...geometry.nearest_points import NearestPoints
-from .normal_matrix import NormalEquations, NormalMatrix
+from .normal_matrix import NormalEquations, NormalMatrix, PointResiduals
 from .topology import line_sides
 
 # D1 in dB of bball_0001 and ycb_scissors at 40 % of their faces, before 81.1 and 79.3: 1, 2, 3, 5 rounds 82.1, 82.2, 82.4, 82.5
@@ -43,13 +44,30 @@ class VertexFit:
     matrix: NormalMatrix
 
 
-def fit_vertices(source: Mesh, mesh: Mesh, source_lines: np.ndarray | None = None, lines: np.ndarray | None = None,
-                 samples: int = SAMPLES, rounds: int = ROUNDS, threads: int = 1) -> VertexFit:
-    """Positions of a mesh's vertices that bring it closest to the source.
+class MatchedLines(NamedTuple):
+    """Edges of source and mesh that belong together, each int64 [L, 2]: Simplification.lines and SimplifiedMesh.lines."""
 
-    source_lines, lines: int64 [L, 2], edges of the source and of the mesh that belong together, as Simplification.lines and
-    SimplifiedMesh.lines do; samples: on each surface, at least LEAST_SAMPLES for each face of the mesh; rounds: from 1. No
-    face is turned against its normal. Raises ValueError where one of the two has no area.
+    source: np.ndarray
+    mesh: np.ndarray
+
+
+class _SampledSource(NamedTuple):
+    """A source surface with evenly spread points. points, normals: float64 [M, 3]; share: area that each point stands for;
+    nearest: its NearestPoints."""
+
+    mesh: Mesh
+    nearest: NearestPoints
+    points: np.ndarray
+    normals: np.ndarray
+    share: float
+
+
+def fit_vertices(source: Mesh, mesh: Mesh, lines: MatchedLines | None = None, samples: int = SAMPLES, rounds: int = ROUNDS,
+                 threads: int = 1) -> VertexFit:
+    """Fit a mesh's vertices to the source surface.
+
+    samples: points on each surface, at least LEAST_SAMPLES for each face of the mesh; rounds: at least 1. The fit turns no face
+    against its normal. Raises ValueError if one of the two meshes has no area.
     """
     source, mesh = source.checked(), mesh.checked()
     middle, half = source.frame()
@@ -57,15 +75,15 @@ def fit_vertices(source: Mesh, mesh: Mesh, source_lines: np.ndarray | None = Non
     samples = max(samples, LEAST_SAMPLES * len(mesh.faces))
     face, bary = sample_surface(source.positions, source.faces, samples)
     target = NearestPoints(source)
-    start = points_at(source, face, bary), target.normals[face]
     share = float(face_areas(source.positions, source.faces).sum()) / samples
+    sampled = _SampledSource(source, target, points_at(source, face, bary), target.normals[face], share)
     normals = area_normals(mesh)
     for seed in range(1, rounds + 1):
         equations = NormalEquations(mesh.faces, len(mesh.positions))
-        _add_surfaces(equations, mesh, start, (source, target), share, seed, threads)
+        _add_surfaces(equations, mesh, sampled, seed, threads)
         _add_own(equations, mesh, 2 * HOLD)
-        if source_lines is not None and lines is not None:
-            _add_lines(equations, (mesh, lines), (source, source_lines), np.sqrt(share * samples / len(mesh.faces)))
+        if lines is not None:
+            _add_lines(equations, (mesh, lines.mesh), (source, lines.source), np.sqrt(share * samples / len(mesh.faces)))
         moved, matrix = equations.solve(STIFFNESS, DAMPING)
         mesh = Mesh(mesh.positions + _unturned(mesh, moved, normals)[:, None] * moved, mesh.faces)
     return VertexFit(Mesh(mesh.positions * half + middle, mesh.faces), matrix)
@@ -104,27 +122,26 @@ def _add_own(equations, mesh, weight):
     length = np.linalg.norm(cross, axis=1)
     normals, face = cross / np.where(length > 0, length, 1.0)[:, None], np.arange(len(mesh.faces))
     for side in SIDES:
-        equations.add(face, np.tile(side, (len(face), 1)), np.zeros((len(face), 3)), normals, weight * length / 6, 1 - TANGENTIAL,
-                      TANGENTIAL)
+        bary, nothing = np.tile(side, (len(face), 1)), np.zeros((len(face), 3))
+        equations.add(PointResiduals(face, bary, nothing, normals, weight * length / 6), 1 - TANGENTIAL, TANGENTIAL)
 
 
-def _add_surfaces(equations, mesh, start, end, share, seed, threads):
-    """Adds points of both surfaces. start: (points of the source, normals); end: (source, NearestPoints of it)."""
-    points, normals = start
-    source, target = end
+def _add_surfaces(equations, mesh, sampled, seed, threads):
+    """Add points of both surfaces. sampled: _SampledSource."""
+    source, target, points, normals, share = sampled
     moving = NearestPoints(mesh)
     turn = np.sqrt(share * len(points) / len(mesh.faces))
     there = moving.find(points, normals, turn, threads=threads)
     agree = (moving.normals[there.face] * normals).sum(axis=1) > 0
     residual = points - points_at(mesh, there.face, there.bary)
-    equations.add(there.face, there.bary, residual, normals, share * agree, 1 - TANGENTIAL, TANGENTIAL)
+    equations.add(PointResiduals(there.face, there.bary, residual, normals, share * agree), 1 - TANGENTIAL, TANGENTIAL)
     face, bary = sample_surface(mesh.positions, mesh.faces, len(points), seed)
     points = points_at(mesh, face, bary)
     there = target.find(points, moving.normals[face], turn, threads=threads)
     normals = target.normals[there.face]
     agree = (moving.normals[face] * normals).sum(axis=1) > 0
     residual = points_at(source, there.face, there.bary) - points
-    equations.add(face, bary, residual, normals, share * agree, 1 - TANGENTIAL, TANGENTIAL)
+    equations.add(PointResiduals(face, bary, residual, normals, share * agree), 1 - TANGENTIAL, TANGENTIAL)
 
 
 def _add_lines(equations, moving, source, spacing):
@@ -144,8 +161,8 @@ def _add_lines(equations, moving, source, spacing):
         bary = np.zeros((len(line), 3))
         np.put_along_axis(bary, corners[moved], np.stack([1 - second, second], axis=1), axis=1)
         alike = np.abs((own_way[moved] * end_way[still]).sum(axis=1)) > 0.5
-        equations.add(face[moved], bary, near - points if outwards else points - near, end_way[still],
-                      LINE_WEIGHT * spacing * length * alike, -1.0, 1.0)
+        residual, weight = near - points if outwards else points - near, LINE_WEIGHT * spacing * length * alike
+        equations.add(PointResiduals(face[moved], bary, residual, end_way[still], weight), -1.0, 1.0)
 
 
 def _as_faces(mesh, lines):

@@ -28,7 +28,7 @@ def _numbered(columns):
     return out
 
 
-def corner_looks(scene: Scene, picked: np.ndarray) -> np.ndarray:
+def corner_appearance(scene: Scene, picked: np.ndarray) -> np.ndarray:
     """Number of the material, UV and colour of every corner, int64 [n, 3]; equal ones have equal numbers. picked: int64 [n] into
     the scene's faces. UVs count where there is a texture."""
     material = scene.face_material[picked]
@@ -59,14 +59,15 @@ def layered_components(faces: np.ndarray, component: np.ndarray, material: np.nd
     return out
 
 
-def _joined(faces, look, material):
+def _joined(faces, appearance, material):
     """Number of the layer of every face, int64 [n]: faces are of one layer across an edge where they look alike at both its ends,
     or are the only two of their material there and run along it in opposite directions."""
     count, after = len(faces), [1, 2, 0]
-    ends, looks = np.stack([faces, faces[:, after]], -1).reshape(-1, 2), np.stack([look, look[:, after]], -1).reshape(-1, 2)
+    ends = np.stack([faces, faces[:, after]], -1).reshape(-1, 2)
+    shown = np.stack([appearance, appearance[:, after]], -1).reshape(-1, 2)
     back = ends[:, 0] > ends[:, 1]
-    ends[back], looks[back] = ends[back][:, ::-1], looks[back][:, ::-1]
-    alike = _numbered([*ends.T, *looks.T])
+    ends[back], shown[back] = ends[back][:, ::-1], shown[back][:, ::-1]
+    alike = _numbered([*ends.T, *shown.T])
     side = _numbered([*ends.T, np.repeat(material, 3)])
     plain = (np.bincount(side) == 2) & (np.bincount(side, back) == 1)
     owner = np.repeat(np.arange(count), 3)
@@ -84,7 +85,7 @@ def part_layers(scene: Scene, surface: Surface, component: np.ndarray) -> np.nda
     if not len(rows):
         return None
     faces = surface.faces[rows]
-    layer = _joined(faces, corner_looks(scene, surface.origin_face[rows]), surface.material[rows])
+    layer = _joined(faces, corner_appearance(scene, surface.origin_face[rows]), surface.material[rows])
     if layer.max() + 1 == len(np.unique(component[rows])):
         return None
     out = component.copy()

@@ -93,11 +93,12 @@ def _fields(shaded: Shaded, source: Source, units: list[GeometryUnit], report: R
     return fields
 
 
-def _on_pictures(*given, **named):
-    """refine_by_pictures(), imported here, because few encodes need it."""
-    from ..values.picture_refinement import refine_by_pictures
+def _on_pictures(fit, source, position_bits, on_progress, **schedule):
+    """Call refine_by_pictures(), imported here, because few encodes need it. schedule: fields of its Schedule."""
+    from ..values import picture_refinement, pictures
 
-    return refine_by_pictures(*given, **named)
+    given = pictures.Schedule(**schedule)
+    return picture_refinement.refine_by_pictures(fit, source, position_bits, given, on_progress=on_progress)
 
 
 def _blended_squares(shown: Scene, shaded: Shaded) -> Iterable[str]:

@@ -56,7 +56,7 @@ def needed_scene(scene: Scene, surface: Surface, effects: str) -> Decision[Needs
     """What has to be coded of a scene's materials; the evidence is a dict for each channel that any material in use has. effects:
     as of EncodeOptions. Raises InputError for an unknown effect."""
     wanted, used = _wanted(effects), set(np.unique(surface.material).tolist())
-    looks, rows = _Looks(scene, surface), []
+    usage, rows = _TexelUsage(scene, surface), []
     coded, stream = [], []
     for number, material in enumerate(scene.materials):
         kept = replace(material, parameters={name: binary32(value) for name, value in material.parameters.items()})
@@ -64,10 +64,10 @@ def needed_scene(scene: Scene, surface: Surface, effects: str) -> Decision[Needs
             if wanted is not None:
                 rows += [_Row(name, "absent", "not requested") for name in _unwanted(kept, wanted)]
                 kept = _without_effects(kept, wanted)
-            kept, decided = _needed(kept, number, looks, effects == "all")
+            kept, decided = _needed(kept, number, usage, effects == "all")
             rows += decided
         stream.append(kept)
-        seen = number in used and kept.alpha_mode != ALPHA_OPAQUE and looks.alpha_is_full(number)
+        seen = number in used and kept.alpha_mode != ALPHA_OPAQUE and usage.alpha_is_full(number)
         if number in used and kept.alpha_mode != ALPHA_OPAQUE:
             rows.append(_Row("alpha", "absent", "255 everywhere") if seen else _Row("alpha", "coded", VARIES))
         coded.append(replace(kept, alpha_mode=ALPHA_OPAQUE) if seen else kept)
@@ -87,13 +87,13 @@ def _wanted(requested):
     return {*names, *KEPT} - ({"lit"} if names == ["none"] else set())
 
 
-def _needed(material, number, looks, is_all):
+def _needed(material, number, usage, is_all):
     """(a Material with the maps that have to be coded and the parameters that say the rest, _Rows). is_all: whether every map is
     coded, whatever it holds."""
     maps, parameters, rows = {}, dict(material.parameters), []
     for name, texture in material.maps.items():
         reason = "" if is_all else _idle_reason(material, name)
-        value = None if reason or is_all else looks.constant(number, name)
+        value = None if reason or is_all else usage.constant(number, name)
         if reason:
             rows.append(_Row(name, "absent", reason))
         elif value is None or not absorb(parameters, BY_NAME[name], value):
@@ -142,8 +142,8 @@ def _counted(rows):
     return sorted(channels.values(), key=lambda entry: order.index(entry["channel"]))
 
 
-class _Looks:
-    """What the faces of a material show of its images; which texels they show is found once for maps that share UVs."""
+class _TexelUsage:
+    """Texels that the faces of a material show of its images, found once for all maps that share UVs."""
 
     def __init__(self, scene: Scene, surface: Surface) -> None:
         self.scene, self.surface = scene, surface

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...core.kernel import kernel
 from ...scene.fetch import sample_source
-from .pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, OPAQUE, SIZE, VIEWS, Cameras, keep_best, picture_loss
+from .pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, OPAQUE, SIZE, USUAL, Cameras, Schedule, keep_best, picture_loss
 from .surface_fit import BLOCK, FieldSurface, _corners
 
 RATE = 0.5  # Adam's step in 8-bit levels, falling to a tenth along a cosine; of 0.1 to 3 the best on three assets
@@ -119,18 +119,16 @@ def held_out(pictures: Pictures, count: int = HELD_OUT_VIEWS) -> list[View]:
     return [v for v in (pictures.view() for _ in range(count)) if len(v.pixel)]
 
 
-def refine_by_rendering(surfaces: list[FieldSurface], colours: list[np.ndarray], threads: int = 1, seed: int = 0,
-                        iterations: int = ITERATIONS, views: int = VIEWS, size: int = SIZE,
-                        on_progress: Callable[[int, int], object] = lambda done, total: None,
+def refine_by_rendering(surfaces: list[FieldSurface], colours: list[np.ndarray], threads: int = 1,
+                        schedule: Schedule = USUAL, on_progress: Callable[[int, int], object] = lambda done, total: None,
                         ) -> tuple[list[np.ndarray], list[dict], int]:
-    """Improves the colours of all fields together.
+    """Improve the colours of all fields together.
 
-    surfaces: FieldSurfaces, one per field; colours: float32 [N, 3] per field, 0..255. Returns (colours likewise, log: one
-    {"iteration", "seconds", "loss", "held_out_loss", "held_out_psnr"} per look at the held-out views, which of them was kept).
-    The same for a seed, whatever the number of threads.
+    surfaces: FieldSurfaces, one per field; colours: float32 [N, 3] per field, 0..255. Returns (colours in the same form, log and
+    index of the row that was kept, both as of keep_best). The result depends on the seed, not on the number of threads.
     """
-    begin, pictures = time.perf_counter(), Pictures(surfaces, seed, threads, size)
-    judges = held_out(Pictures(surfaces, seed + HELD_OUT_SEED, threads, size))
+    begin, pictures = time.perf_counter(), Pictures(surfaces, schedule.seed, threads, schedule.size)
+    judges = held_out(Pictures(surfaces, schedule.seed + HELD_OUT_SEED, threads, schedule.size))
     values = np.ascontiguousarray(np.concatenate(colours), np.float32)
     gradient, mean, square = (np.zeros_like(values) for _ in range(3))
     cuts = np.linspace(0, len(values), threads + 1).astype(np.int64)
@@ -139,19 +137,20 @@ def refine_by_rendering(surfaces: list[FieldSurface], colours: list[np.ndarray],
 
         def iterate(step):
             loss = 0.0
-            for _ in range(views):
+            for _ in range(schedule.views):
                 view = pictures.view()
                 if len(view.pixel) == 0:
                     continue
                 of_view, _, slope = view.loss(values, threads)
-                loss += of_view / views
+                loss += of_view / schedule.views
                 list(pool.map(lambda r, v=view, s=slope: _scatter(v.rank, v.weight, s, *r, gradient), ranges))
-            rate = RATE * (0.55 + 0.45 * np.cos(np.pi * step / iterations))
+            rate = RATE * (0.55 + 0.45 * np.cos(np.pi * step / schedule.iterations))
             scales = 1 / (1 - DECAY**step), 1 / (1 - SQUARE_DECAY**step)
             list(pool.map(lambda r: _adam(values, gradient, mean, square, *r, rate, *scales), ranges))
-            on_progress(step, iterations)
+            on_progress(step, schedule.iterations)
             return loss
 
-        log, kept = keep_best(iterate, lambda: [v.loss(values, threads)[:2] for v in judges], [values], iterations, begin)
+        judge = lambda: [v.loss(values, threads)[:2] for v in judges]
+        log, kept = keep_best(iterate, judge, [values], schedule.iterations, begin)
     cuts = np.cumsum([len(c) for c in colours])[:-1]
     return np.split(values, cuts), log, kept

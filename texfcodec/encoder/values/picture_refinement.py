@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...codecs.neural.fit_samples import Samples, Source, cells_of
-from .pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, ITERATIONS, SIZE, VIEWS, Cameras, keep_best, picture_loss
+from .pictures import HELD_OUT_SEED, HELD_OUT_VIEWS, SIZE, USUAL, Cameras, Schedule, keep_best, picture_loss
 
 if TYPE_CHECKING:
     from ...codecs.neural.fit import Fit
@@ -56,26 +56,26 @@ class Pictures:
         return Picture(self.size, seen.pixel, samples, cells_of(samples, self.tables))
 
 
-def refine_by_pictures(fit: Fit, source: Source, position_bits: int, seed: int = 0, iterations: int = ITERATIONS,
-                       views: int = VIEWS, size: int = SIZE,
+def refine_by_pictures(fit: Fit, source: Source, position_bits: int, schedule: Schedule = USUAL,
                        on_progress: Callable[[int, int], object] = lambda done, total: None) -> tuple[list[dict], int]:
-    """Improves a fit.Fit in place.
+    """Improve a fit.Fit in place.
 
-    source: samples.Source that it was fitted to; views: pictures an iteration. Returns (log, which of its rows was kept)
-    as keep_best does. The same for a seed.
+    source: fit_samples.Source that it was fitted to. Returns (log, index of the row that was kept) as of keep_best. The result
+    depends on the seed alone.
     """
-    begin, pictures = time.perf_counter(), Pictures(source, fit.tables, position_bits, seed, size)
-    judging = Pictures(source, fit.tables, position_bits, seed + HELD_OUT_SEED, size)
+    begin, views = time.perf_counter(), schedule.views
+    pictures = Pictures(source, fit.tables, position_bits, schedule.seed, schedule.size)
+    judging = Pictures(source, fit.tables, position_bits, schedule.seed + HELD_OUT_SEED, schedule.size)
     judges = [p for p in (judging.next() for _ in range(HELD_OUT_VIEWS)) if len(p.pixel)]
     fit.forget()
     with ThreadPoolExecutor(fit.threads) as pool:
 
         def iterate(n):
-            loss = sum(_step(fit, pictures.next(), (n - 1) * views + k, iterations * views, pool) for k in range(views))
-            on_progress(n, iterations)
+            loss = sum(_step(fit, pictures.next(), (n - 1) * views + k, schedule.iterations * views, pool) for k in range(views))
+            on_progress(n, schedule.iterations)
             return loss / views
 
-        log, kept = keep_best(iterate, lambda: [p.loss(fit)[:2] for p in judges], fit.values, iterations, begin)
+        log, kept = keep_best(iterate, lambda: [p.loss(fit)[:2] for p in judges], fit.values, schedule.iterations, begin)
     fit.upload()
     return log, kept
 

@@ -7,6 +7,7 @@ covered pixels; its gradient goes through SSIM (metrics/ssim.py) and is exact.
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,9 +18,23 @@ from ...render.raster import Fragments, rasterise
 
 ITERATIONS, VIEWS, SIZE = 30, 8, 1024  # the paper's
 FIELD_OF_VIEW, NEAREST, FARTHEST = 45.0, 1.2, 3.0
-HELD_OUT_VIEWS, HELD_OUT_EVERY, PATIENCE = 4, 5, 2  # views, iterations between looks, looks without gain before it stops
+HELD_OUT_VIEWS, HELD_OUT_EVERY, PATIENCE = 4, 5, 2  # views, iterations between checks, checks without gain before it stops
 HELD_OUT_SEED = 1_000_003  # added to that of the other views
 OPAQUE = 127  # pixels of less alpha are left out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """How long a refinement runs, and on which pictures. views: pictures of an iteration; size: pixels a side; seed: of the
+    views."""
+
+    iterations: int = ITERATIONS
+    views: int = VIEWS
+    size: int = SIZE
+    seed: int = 0
+
+
+USUAL = Schedule()
 
 
 class Cameras:
@@ -34,7 +49,7 @@ class Cameras:
         self.centre = (used.min(axis=0) + used.max(axis=0)) / 2
 
     def next(self) -> Fragments:
-        """What the next random camera sees: render.raster's result for all faces, both sides of them."""
+        """Rasterise all faces, both sides of them, for the next random camera."""
         azimuth, sine = self.random.uniform(0, 2 * np.pi), self.random.uniform(-1, 1)
         flat = np.sqrt(1 - sine * sine)
         direction = np.array([np.cos(azimuth) * flat, sine, np.sin(azimuth) * flat])
@@ -64,15 +79,15 @@ def picture_loss(size: int, pixel: np.ndarray, target: np.ndarray, shown: np.nda
 
 def keep_best(iterate: Callable[[int], float], judge: Callable[[], list[tuple[float, float]]], values: Sequence[np.ndarray],
               iterations: int, begin: float) -> tuple[list[dict], int]:
-    """Iterates while held-out views gain, and leaves what they like best in values.
+    """Iterate while held-out views gain, and leave the best state in values.
 
-    iterate(n): takes iteration n, from 1, and returns its loss; judge(): (loss, mean squared error) of each held-out view;
-    values: arrays that iterate changes; begin: of the refinement, by time.perf_counter. Returns (log: {"iteration", "seconds",
-    "loss", "held_out_loss", "held_out_psnr"} of each look, which of them was kept); where no view shows anything nothing is done.
-    What is not finite is None there, and never the best.
+    iterate(n): does iteration n, from 1, and returns its loss; judge(): (loss, mean squared error) of each held-out view;
+    values: arrays that iterate changes; begin: start of the refinement, by time.perf_counter. Returns (log: {"iteration",
+    "seconds", "loss", "held_out_loss", "held_out_psnr"} of each check, index of the row that was kept). Nothing changes if no
+    view shows anything. Figures that are not finite are None in the log, and never the best.
     """
 
-    def look(n, loss):
+    def check(n, loss):
         seen = judge()
         held, error = np.mean(seen, axis=0).tolist() if seen else (None, None)
         error = _finite(error)
@@ -82,11 +97,11 @@ def keep_best(iterate: Callable[[int], float], judge: Callable[[], list[tuple[fl
 
     log: list[dict] = []
     kept, best = 0, [v.copy() for v in values]
-    for n in range(1, iterations + 1) if look(0, None) else ():
+    for n in range(1, iterations + 1) if check(0, None) else ():
         loss = iterate(n)
         if n % HELD_OUT_EVERY and n != iterations:
             continue
-        look(n, loss)
+        check(n, loss)
         held = log[-1]["held_out_loss"]
         if held is not None and held < log[kept]["held_out_loss"]:
             kept, best = len(log) - 1, [v.copy() for v in values]

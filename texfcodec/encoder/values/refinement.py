@@ -115,9 +115,10 @@ def _finite(mse):
 def _render(surfaces, fields, threads, iterations, step):
     """Inverse rendering on top of the fit."""
     from .inverse_render import refine_by_rendering  # here, because the renderer takes long to import and few ask for it
+    from .pictures import Schedule
 
-    colours, log, kept = refine_by_rendering(surfaces, [f.planes[COLOUR] for f in fields], threads, iterations=iterations,
-                                             on_progress=step)
+    start, schedule = [field.planes[COLOUR] for field in fields], Schedule(iterations=iterations)
+    colours, log, kept = refine_by_rendering(surfaces, start, threads, schedule, on_progress=step)
     fields = [field.with_planes({COLOUR: np.ascontiguousarray(c)}) for field, c in zip(fields, colours, strict=True)]
     return Decision(fields, {"kind": "fit and render" if kept else "fit", "iterations": log,
                              "kept_iteration": log[kept]["iteration"]})

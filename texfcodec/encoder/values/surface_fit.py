@@ -217,15 +217,14 @@ def _columns_dot(a, b):
     return np.einsum("nc,nc->c", a, b, dtype=np.float64)
 
 
-def fit_surface(surface: FieldSurface, colour: np.ndarray, threads: int = 1, density: float = DENSITY,
-                iterations: int = ITERATIONS, damping: float = DAMPING,
+def fit_surface(surface: FieldSurface, colour: np.ndarray, threads: int = 1, iterations: int = ITERATIONS,
                 on_progress: Callable[[int, int], object] = lambda done, total: None) -> np.ndarray:
-    """Voxel colours whose trilinear field is closest to the source.
+    """Return voxel colours whose trilinear field is closest to the source, float32 [N, 3] in 0..255.
 
-    surface: FieldSurface; colour: float32 [N, 3], the transfer's, 0..255; on_progress: function (done, total). Returns float32
-    [N, 3] in 0..255. The result does not depend on `threads`.
+    surface: FieldSurface; colour: float32 [N, 3], the transfer's, 0..255; on_progress: function (done, total). The result does
+    not depend on `threads`.
     """
-    matrix, right = _normal_equations(surface, density, threads, on_progress)
+    matrix, right = _normal_equations(surface, DENSITY, threads, on_progress)
     mean_diagonal = float(matrix.diagonal().mean(dtype=np.float64))
-    change = _conjugate_gradients(matrix, damping * mean_diagonal, right - matrix.times(colour), iterations)
+    change = _conjugate_gradients(matrix, DAMPING * mean_diagonal, right - matrix.times(colour), iterations)
     return np.clip(colour + change, 0, 255)

@@ -1,7 +1,7 @@
-"""What encodes of one scene share: a cache for each stage, and for the parts of a stage that take long (encoder only).
+"""What encodes of one scene share: a cache for each stage, and for parts of a stage that take long (encoder only).
 
-A search over the QP and the check's second try encode one scene several times. What no QP and no finer part changes is computed
-once.
+A search over the QP and the second try of the check encode one scene several times. A result that depends neither on the QP nor
+on finer parts is computed once.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ Result = TypeVar("Result")
 
 
 class Cache:
-    """Results by key. A key is a named tuple or a frozen dataclass of all that a result depends on beside the scene."""
+    """Results by key. A key is a named tuple or a frozen dataclass with everything beside the scene that a result depends on."""
 
     def __init__(self) -> None:
         self._results: dict[Hashable, object] = {}
 
     def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
-        """Return the result of a key; make it if it is not there."""
+        """Return the result of a key; compute it if it is not there."""
         if key not in self._results:
             self._results[key] = make()
         return cast(Result, self._results[key])
 
 
 class NoCache(Cache):
-    """Keeps nothing."""
+    """A cache that keeps nothing."""
 
     def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
-        """Return a new result."""
+        """Compute and return the result."""
         return make()
 
 
@@ -54,10 +54,11 @@ class Caches:
 
     @classmethod
     def of_search(cls) -> Caches:
-        """Caches of encodes that differ in their QP: units and frames would never be used again."""
+        """Return caches for encodes at different QPs: they keep no units and no frames, which would never be used again."""
         return cls(prepared=Cache(), supported=Cache(), images=Cache(), regions=Cache(), fields=Cache())
 
     @classmethod
     def of_second_try(cls) -> Caches:
-        """Caches of two encodes of which the second is finer in some parts; regions are large, and hardly used again."""
+        """Return caches for two encodes, the second of which is finer in some parts: they keep no regions, which are large and
+        hardly used again."""
         return cls(prepared=Cache(), supported=Cache(), images=Cache(), frames=Cache(), fields=Cache(), units=Cache())

@@ -1,4 +1,4 @@
-"""What a choice of the encoder is: a value, and what was measured for it."""
+"""A choice of the encoder: its value and the measurements behind it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Decision(Generic[Value]):
-    """value: what was chosen; evidence: why, JSON-ready, for the report; warnings, dropped, remarks: sentences for people, as
-    those of a Report."""
+    """value: the choice; evidence: reasons and measurements, JSON-ready, for the report; warnings, dropped, remarks: sentences
+    for people, as those of a Report."""
 
     value: Value
     evidence: Any
@@ -26,7 +26,8 @@ class Decision(Generic[Value]):
 
 
 def record(decision: Decision[Value], report: Report, strict: bool = False) -> Decision[Value]:
-    """Append the decision's messages to the report and return it. Raises InputError TXF-I52 if strict and it has warnings."""
+    """Append the messages of a decision to the report and return the decision. Raises InputError TXF-I52 if strict and it has
+    warnings."""
     report.warnings += decision.warnings
     report.dropped += decision.dropped
     report.remarks += decision.remarks

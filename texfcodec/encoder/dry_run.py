@@ -1,7 +1,8 @@
-"""Voxels and seconds that an encode will probably take, before anything is measured (encoder only).
+"""Estimates of the voxels and seconds of an encode, before anything is measured (encoder only).
 
 The constants were fitted on every second of 31 models by name, 20 of ours and 11 public ones, at rate r03 on two cores of an AMD
-EPYC, together with counts of texels and maps, which a dry run does not have: with these 11 of the other 15 were within 25 %.
+EPYC, together with counts of texels and maps, which a dry run does not have. With these, 11 of the other 15 models were within 25
+%.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ ALWAYS, ROOT_OF_FACES, VOXEL = 1.66, 0.0263, 2.6e-6
 
 
 def estimate(scene: Scene, options: EncodeOptions) -> tuple[int, float]:
-    """(voxels, seconds) that encoding will need, guessed from the surface area and the faces alone."""
+    """Return (voxels, seconds) that an encode will need, guessed from the surface area and the number of faces alone."""
     assert options.resolution is not None  # its __post_init__ fills it in
     corners = scene.positions[scene.faces]
     side = float((scene.positions.max(axis=0) - scene.positions.min(axis=0)).max()) or 1.0

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class _SupportedKey:
-    """What candidate supports depend on beside the scene."""
+    """Everything beside the scene that candidate supports depend on."""
 
     request: SupportRequest
     coder: tuple | None
@@ -36,18 +36,62 @@ class _SupportedKey:
 
 @dataclass(frozen=True, kw_only=True)
 class Encoder:
-    """The stages of encodes of one scene. caches: what these share; by default nothing but meshes."""
+    """The stages of encodes of one scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Source of all encodes.
+    caches : Caches, optional
+        Results that several encodes share; by default meshes only.
+    """
 
     scene: Scene
     caches: Caches = field(default_factory=Caches)
 
     def prepared(self, options: EncodeOptions, report: Report) -> Prepared:
-        """The first stage."""
+        """Run the first stage.
+
+        Parameters
+        ----------
+        options : EncodeOptions
+            The request.
+        report : Report
+            Receives seconds by stage, warnings and losses.
+
+        Returns
+        -------
+        Prepared
+            The scene as it has to be coded.
+
+        Raises
+        ------
+        InputError, LimitError
+            The mesh or an option is at fault; the mesh is over a limit.
+        """
         request = PrepareRequest.of(options)
         return self.caches.prepared.get(request, lambda: prepare(self.scene, request, report))
 
     def supported(self, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset()) -> Supported:
-        """The first two stages. finer: materials that came out too coarse before."""
+        """Run the first two stages.
+
+        Parameters
+        ----------
+        options, report
+            As of prepared().
+        finer : frozenset of int, optional
+            Materials whose parts were too coarse in an earlier encode.
+
+        Returns
+        -------
+        Supported
+            Candidate supports.
+
+        Raises
+        ------
+        InputError, LimitError
+            As of prepared().
+        """
         before, request, price = self.prepared(options, report), SupportRequest.of(options, finer), Lagrangian.of(options)
         coder = None if price.coder is None else price.coder.signature
         key = _SupportedKey(request=request, coder=coder, qp=price.qp, resolution=price.resolution)
@@ -55,9 +99,26 @@ class Encoder:
 
     def filled(self, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset(),
                budget: int | None = None) -> Filled:
-        """All stages. finer: materials that came out too coarse before; budget: bytes of the stream.
+        """Run all stages.
 
-        Raises InputError, LimitError, SupportError as encode(); OverBudget if geometry alone takes the budget.
+        Parameters
+        ----------
+        options, report, finer
+            As of supported().
+        budget : int, optional
+            Bytes that the stream may have.
+
+        Returns
+        -------
+        Filled
+            All that the stream holds but coded values.
+
+        Raises
+        ------
+        InputError, LimitError, SupportError
+            As of encode().
+        OverBudget
+            The geometry alone takes the budget.
         """
         supported = self.supported(options, report, finer)
         meshed = mesh(supported, MeshRequest.of(options), self.caches, report)
@@ -66,10 +127,46 @@ class Encoder:
         return fill(placed, options, self.caches.fields, report)
 
     def encode(self, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset()) -> Encoded:
-        """All stages, and the stream. Arguments and exceptions as of filled()."""
+        """Run all stages and write the stream.
+
+        Parameters
+        ----------
+        options, report, finer
+            As of supported().
+
+        Returns
+        -------
+        Encoded
+            The stream and its report.
+
+        Raises
+        ------
+        InputError, LimitError, SupportError
+            The mesh or an option is at fault; the mesh is over a limit; something that it needs is not installed.
+        """
         return write(self.filled(options, report, finer), report, self.caches.units)
 
 
 def encode_scene(scene: Scene, options: EncodeOptions | None = None, report: Report | None = None) -> Encoded:
-    """Code a Scene. Raises InputError, LimitError, SupportError."""
+    """Code a scene, without a search and without the check.
+
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    options : EncodeOptions, optional
+        Rate and all other settings.
+    report : Report, optional
+        Receives seconds by stage, warnings and losses.
+
+    Returns
+    -------
+    Encoded
+        The stream and its report.
+
+    Raises
+    ------
+    InputError, LimitError, SupportError
+        As of Encoder.encode().
+    """
     return Encoder(scene=scene).encode(options or EncodeOptions(), report or Report())

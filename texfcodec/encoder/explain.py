@@ -1,4 +1,5 @@
-"""Where the seconds of an encode went, and what its neighbours cost and buy: settings one step away, encoded and measured."""
+"""The seconds of an encode by stage, and the costs and gains of neighbouring settings: settings one step away, encoded and
+measured."""
 
 from __future__ import annotations
 
@@ -33,8 +34,8 @@ BETTER, BUYS, SAVES, DOMINATED, EQUAL = "better", "buys", "saves", "dominated", 
 
 @dataclass(frozen=True)
 class Neighbour:
-    """A setting one step away. change: its EncodeOptions beside those asked for; factor: its seconds over theirs, a guess that
-    only decides whether there is time for it."""
+    """A setting one step away. change: its EncodeOptions beside the requested ones; factor: its seconds over those of the base, a
+    guess that only decides whether there is time for it."""
 
     change: dict
     factor: float = 1.0
@@ -47,20 +48,20 @@ class Neighbour:
 
 
 def changed(options: EncodeOptions, **changes: object) -> EncodeOptions:
-    """options with changes, and without a target; what they left to the encoder is left to it still."""
+    """Return options with changes, and without a target; options that were left to the encoder are left to it still."""
     return options.without_target().changed(**{"measure": False, "checkpoint": None, **changes})
 
 
 def as_made(options: EncodeOptions, encoded: Encoded) -> EncodeOptions:
-    """options, with the whole QP that a search came to where they hold a target."""
+    """Return options, with the whole QP that a search came to if they hold a target."""
     if options.target_bytes is None and options.target_psnr is None:
         return changed(options)
     return changed(options, qp=encoded.qp)
 
 
 def neighbours_of(options: EncodeOptions, encoded: Encoded) -> Iterator[Neighbour]:
-    """Neighbours of options that have a part in what they made, those that tell most first. Position bits are not among them:
-    3D-PSNR asks both sides at the same places of the surface, and does not see where it has moved."""
+    """Return the neighbours of options that matter for this stream, the most informative first. Position bits are not among them:
+    3D-PSNR samples both sides at the same places of the surface, and does not see a moved surface."""
     codec, place = codec_of(options.codec), EFFORTS.index(options.effort)
     if not codec.joint:
         steps = ((place + 1, 1.5), (place - 1, 0.6))
@@ -88,13 +89,13 @@ class _Bench:
         self.samples = SourceSamples(scene, SAMPLES, options.threads)
 
     def run(self, options):
-        """(row, Filled) of one encode: {"seconds", "processor_seconds", "bytes", "psnr_y"}."""
+        """Return (row, Filled) of one encode: {"seconds", "processor_seconds", "bytes", "psnr_y"}."""
         begin, worked = time.perf_counter(), time.process_time()
         planned = Encoder(scene=self.scene).filled(options, Report())
         return self.code(planned, begin, worked), planned
 
     def code(self, planned, begin=None, worked=None):
-        """As run(), of a Filled; seconds count from begin, wall and processor."""
+        """Return the same for a Filled; seconds count from begin, wall and processor."""
         begin = time.perf_counter() if begin is None else begin
         worked = time.process_time() if worked is None else worked
         encoded = write(planned, Report())
@@ -105,15 +106,15 @@ class _Bench:
 
 def explain_time(scene: Scene, options: EncodeOptions, encoded: Encoded, stages: dict[str, float],
                  budget: float | None = None) -> dict:
-    """What the seconds of an encode went into and what other settings would make of them, JSON-ready.
+    """Measure the seconds of an encode by stage and the effects of other settings, JSON-ready.
 
-    scene: Scene; options: as it was encoded; encoded: what came of it; stages: seconds by stage (Report.seconds); budget: seconds
-    for neighbours, one of which is always tried; None: ENCODES times the encode. The base, options once more with warm kernels,
-    and its rate curve come before them. Returns {"stages", "budget", "spent", "samples", "base", "neighbours", "not_tried"}: base
-    and neighbours are rows {"change", "seconds", "processor_seconds", "bytes", "psnr_y", "percent", "per_second", "verdict"},
-    percent being the bytes above those of the base at equal 3D-PSNR of Y and per_second what of it a second more buys, or a
-    second less costs; a neighbour that cannot be coded has "reason" in their place. There is one run each, and so both go by
-    processor seconds, which a busy machine changes little; those that differ by NOISE or less count as equal.
+    scene: Scene; options: as it was encoded; encoded: its result; stages: seconds by stage (Report.seconds); budget: seconds for
+    neighbours, one of which is always tried; None: ENCODES times the encode. The base, options once more with warm kernels, and
+    its rate curve come before them. Returns {"stages", "budget", "spent", "samples", "base", "neighbours", "not_tried"}: base and
+    neighbours are rows {"change", "seconds", "processor_seconds", "bytes", "psnr_y", "percent", "per_second", "verdict"}. percent
+    is bytes above those of the base at equal 3D-PSNR of Y; per_second is the percent that one second more saves, or one second
+    less costs. A neighbour that cannot be coded has "reason" instead. Each setting runs once, so both figures go by processor
+    seconds, which a busy machine changes little; settings that differ by NOISE or less count as equal.
     """
     begin, requested = time.perf_counter(), as_made(options, encoded)
     bench = _Bench(scene, options)
@@ -135,7 +136,7 @@ def explain_time(scene: Scene, options: EncodeOptions, encoded: Encoded, stages:
 
 
 def _curve_qps(encoded):
-    """QPs beside that of the stream which its rate curve is drawn through; none where no QP coded it."""
+    """Return QPs beside that of the stream for its rate curve; none if no QP coded it."""
     return [] if encoded.qp is None else [qp for qp in (encoded.qp + step for step in CURVE) if 0 <= qp <= 63]
 
 
@@ -153,8 +154,8 @@ def _tried(bench, requested, neighbour, base, curve):
 
 
 def percent_of(curve: list[dict], row: dict) -> float | None:
-    """Percent of bytes that a row takes above a curve at its own quality, both {"bytes", "psnr_y"}; by bytes alone where the
-    first point of the curve and the row are both lossless; None where the curve does not say."""
+    """Return the percent of bytes that a row takes above a curve at its own quality, both {"bytes", "psnr_y"}. Bytes alone count
+    if the first point of the curve and the row are both lossless. None if the curve does not reach that quality."""
     if row["psnr_y"] is None:
         lossless = curve[0]["psnr_y"] is None
         return 100.0 * (row["bytes"] / curve[0]["bytes"] - 1) if lossless else None
@@ -178,6 +179,6 @@ def verdict(base_seconds: float, seconds: float, percent: float, noise: float = 
 
 
 def per_second(base_seconds: float, seconds: float, percent: float, noise: float = NOISE) -> float | None:
-    """Percent of bytes that one more second saves or one less costs; None where that is no trade, as verdict() says."""
+    """Return the percent of bytes that one more second saves or one less costs; None if verdict() sees no trade."""
     trade = verdict(base_seconds, seconds, percent, noise) in (BUYS, SAVES)
     return round(percent / (base_seconds - seconds), 2) if trade else None

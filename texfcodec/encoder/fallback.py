@@ -1,4 +1,4 @@
-"""A decoded stream with fewer faces: what a GLB that carries the stream shows to viewers that do not know it."""
+"""A decoded stream with fewer faces: the mesh that a GLB with an embedded stream shows to viewers that do not know the stream."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ SHARP = 60  # degrees between faces, from which on an edge is kept as a line, an
 
 
 def with_fewer_faces(texf: Texf, count: int | None = None) -> Texf:
-    """A Texf with at most `count` faces, or as few as its borders, seams and sharp edges leave; with None as few as look alike
-    from afar. The same one where it has no more.
+    """Return a Texf with at most `count` faces, or as few as its borders, seams and sharp edges leave. If count is None, it has
+    as few as look alike from afar. A Texf with no more faces is returned unchanged.
 
     Its fields are the same. Units over texels get UVs that keep images where they were. Coded normals and marks of sharp edges
-    belong to the faces of before: materials that are not flat have normals by the angle between faces.
+    belong to the faces of before: materials that are not flat get normals by the angle between faces.
     """
     if len(texf.faces) <= (count or 0):
         return texf
@@ -52,13 +52,13 @@ def with_fewer_faces(texf: Texf, count: int | None = None) -> Texf:
 
 
 def _count_within(order):
-    """Faces that are left before the first collapse of a Simplification that goes beyond MOST_ERROR."""
+    """Return the number of faces before the first collapse of a Simplification that goes beyond MOST_ERROR."""
     done = int(np.append(order.error > MOST_ERROR, True).argmax())
     return int(order.remaining[done - 1]) if done else len(order.source.faces)
 
 
 def _unit(texf, number, placed, faces, corner_uv):
-    """The GeometryUnit of faces over placed vertices; corner_uv: in texels, None over voxels."""
+    """Return the GeometryUnit of faces over placed vertices; corner_uv: in texels, None over voxels."""
     like = texf.units[number]
     if corner_uv is None:
         vertex, local = np.unique(faces, return_inverse=True)

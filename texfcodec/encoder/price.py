@@ -1,9 +1,9 @@
-"""The price of a byte: what candidates cost at the requested quality (encoder only).
+"""The price of a byte: costs of candidates at the requested quality (encoder only).
 
-The QP is the quality that was requested, and with it lambda, the squared error of the picture that a byte is worth. The encoder
-takes the candidate whose bytes and error cost least (Lagrangian.cost), and codes it at the QP where a further byte would buy as
-much (qp_offset). Lambda depends on the QP and on the source alone, never on what was taken, and neither do the candidates: a
-finer QP then has no fewer bytes and no larger error, as far as the estimates are true.
+The QP is the requested quality. It sets lambda, the squared error of the picture that a byte is worth. The encoder takes the
+candidate whose bytes and error cost least (Lagrangian.cost), and codes it at the QP at which one more byte would buy as much
+(qp_offset). Lambda depends on the QP and on the source alone, never on earlier choices, and neither do the candidates: a finer QP
+then has no fewer bytes and no larger error, as far as the estimates are true.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ FINEST, COARSEST = -12, 3  # offsets to the QP; what is coarser by more would fa
 
 
 def coding_mse(qp: int) -> float:
-    """Rough luma error that coding at this QP leaves, for weighing gains: 6.4 at QP 28 (40 dB), growing with step**1.5."""
+    """Return the rough luma error of coding at a QP, for weighing gains: 6.4 at QP 28 (40 dB), growing with step**1.5."""
     return 6.4 * 2.0 ** ((qp - 28) / 4)
 
 
 def bounded_mse(max_error: int) -> float:
-    """Squared error of values that are evenly spread over a bound, their rounding included."""
+    """Return the squared error of values that are evenly spread over a bound, rounding included."""
     return (2 * max_error + 1) ** 2 / 12
 
 
@@ -63,7 +63,7 @@ class Lagrangian:
 
     @classmethod
     def of(cls, request: EncodeOptions) -> Lagrangian:
-        """The prices at the quality of a request."""
+        """Return the prices at the quality of a request."""
         codec = codec_of(request.codec)
         coder = Coder(codec, codec.settings(request)) if isinstance(codec, PlaneCodec) else None
         assert request.resolution is not None  # its __post_init__ fills it in
@@ -73,7 +73,7 @@ class Lagrangian:
 
     @property
     def planes(self) -> Coder:
-        """The coder, for a codec of planes."""
+        """The coder, if the codec is one of planes."""
         assert self.coder is not None
         return self.coder
 
@@ -84,7 +84,7 @@ class Lagrangian:
 
     @property
     def floor(self) -> float:
-        """Squared error that coding leaves, at the QP or within the bound."""
+        """Squared error of coding, at the QP or within the bound."""
         return self.coding_mse if self.max_error is None else bounded_mse(self.max_error)
 
     @property
@@ -94,24 +94,24 @@ class Lagrangian:
 
     @property
     def byte(self) -> float:
-        """Lambda: squared error of the picture, the mean over all of it, that a byte is worth."""
+        """Lambda: squared error of the picture, as a mean over all of it, that a byte is worth."""
         return 8 * TRADE_OFF * self.step**2 / max(self.values, 1.0)
 
     def cost(self, size: float, error: float, share: float = 1.0) -> float:
-        """Lagrangian cost in bytes: size + share * error / lambda. share: of the surface that has the error."""
+        """Return the Lagrangian cost in bytes: size + share * error / lambda. share: part of the surface that has the error."""
         return size + share * error / self.byte if error else size
 
     def on_part(self, share: float) -> Lagrangian:
-        """The prices for a share of the surface alone, by which its error counts."""
+        """Return the prices for a share of the surface alone, which weighs its error."""
         return replace(self, values=self.values * share)
 
     def qp_offset(self, values: float, share: float) -> int:
-        """QP offset of a support with so many values on a share of the surface: fewer values each show on more of the picture,
-        so their bits are worth finer steps."""
+        """Return the QP offset of a support with so many values on a share of the surface. Each of few values shows on more of
+        the picture, so its bits are worth finer steps."""
         if not self.is_free or not values:
             return 0
         return min(max(round(3 * math.log2(values / share / self.values)), FINEST), COARSEST)
 
     def gain(self, before: float, after: float) -> float:
-        """dB between two squared errors of values before coding, at the quality that coding leaves."""
+        """Return the dB between two squared errors of values before coding, at the quality of coding."""
         return decibels(after + self.floor) - decibels(before + self.floor)

@@ -1,9 +1,9 @@
 """Rate control by search: the stream that meets a byte budget or a PSNR, over the QP.
 
-Every other choice is the plan's, at the price of a byte that the QP sets. So there is one dimension: a first QP is guessed from
-what the supports of a plan are expected to take, values are coded there, and the line through what was coded leads to the next
-QP, between whole ones where the codec has such. A plan, which is a Filled, is made again where the QP has gone far from its own;
-caches keep what no QP changes.
+A plan makes every other choice, at the price of a byte that the QP sets. So there is one dimension: a first QP is guessed from
+the bytes that the supports of a plan are expected to take, values are coded there, and the line through the trials leads to the
+next QP, between whole ones if the codec has such. A plan, which is a Filled, is made again if the QP has gone far from the plan's
+own; caches keep everything that does not depend on the QP.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ VIEWS, SIZE = 8, 512
 
 @dataclass(kw_only=True)
 class Trial:
-    """One encode. qp: that values were coded at, which need not be whole; psnr: of Y in dB, None where nothing is seen; report:
-    warnings and dropped properties of its own."""
+    """One encode. qp: of the values, not always whole; psnr: of Y in dB, None if no pixel or point is visible; report: its own
+    warnings and dropped properties."""
 
     encoded: Encoded
     qp: float
@@ -76,11 +76,11 @@ class Trial:
 
     @property
     def bytes(self) -> int:
-        """Of the stream."""
+        """Size of the stream."""
         return self.encoded.sizes["total"]
 
     def row(self) -> dict:
-        """What the report says about this trial."""
+        """Return the row of the report for this trial."""
         psnr = None if self.psnr is None or math.isinf(self.psnr) else round(self.psnr, 4)
         return {"resolution": self.encoded.resolution, "qp": round(self.qp, 3), "bytes": self.bytes, "psnr_y": psnr,
                 "psnr_of": self.psnr_of, "faces": self.encoded.counts["faces"], "position_bits": self.position_bits,
@@ -88,10 +88,28 @@ class Trial:
 
 
 def encode_to_target(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
-    """The best stream within options.target_bytes, or the one of fewest bytes with a PSNR of Y of options.target_psnr.
+    """Search the QP for the best stream within a byte budget, or for the smallest stream with a PSNR of Y.
 
-    scene: Scene; options: EncodeOptions with one of the two targets; report: Report. Returns the Encoded that keeps the target;
-    its choices hold "search", a row per trial. Raises InputError TXF-I51 where no QP does, naming the best that was reached.
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    options : EncodeOptions
+        With one of target_bytes and target_psnr.
+    report : Report
+        Receives seconds by stage, a row per trial, and the messages of the best trial.
+
+    Returns
+    -------
+    Encoded
+        The stream that keeps the target; its choices["search"] holds a row per trial.
+
+    Raises
+    ------
+    InputError
+        TXF-I51 if no QP keeps the target, naming the best value; otherwise as of encode_scene().
+    LimitError, SupportError
+        As of encode_scene().
     """
     search = _Search(scene, options, report)
     search.refuse_hopeless()
@@ -107,8 +125,8 @@ def encode_to_target(scene: Scene, options: EncodeOptions, report: Report) -> En
 
 
 def least_bytes(scene: Scene, options: EncodeOptions) -> tuple[int, int]:
-    """(bytes of the header, bytes of the geometry) of a scene's stream with one field over voxels and the fewest position bits
-    that the encoder takes: known before any colour is read."""
+    """Return (bytes of the header, bytes of the geometry) of a scene with one field over voxels and the fewest position bits that
+    the encoder takes. This is known before any colour is read."""
     surface = make_surface(scene, options)
     geometry, _ = code_geometry(surface, np.zeros(len(surface.faces), np.int64), {})
     header = Stream(header_values([], surface, geometry, 1, groups_of(set(), False)))
@@ -117,32 +135,32 @@ def least_bytes(scene: Scene, options: EncodeOptions) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class _Target:
-    """What is searched for: a budget of bytes, or a PSNR. Places are QPs, turned around for a PSNR, so that it is always the
-    larger places that meet the target."""
+    """The target of a search: a budget of bytes, or a PSNR. A place is a QP, reversed for a PSNR, so that larger places always
+    meet the target."""
 
     budget: int | None
     psnr: float
 
     def place(self, qp: float) -> float:
-        """Of a QP; and the QP of a place."""
+        """Return the place of a QP, or the QP of a place."""
         return qp if self.budget else LAST_QP - qp
 
     @property
     def slope(self) -> float:
-        """By which excess falls with each place, roughly."""
+        """Rough fall of the excess with each place."""
         return BITS_PER_QP if self.budget else DECIBELS_PER_QP
 
     def is_met(self, trial: Trial) -> bool:
-        """Whether a trial keeps what is promised."""
+        """Return whether a trial keeps the target."""
         return trial.bytes <= self.budget if self.budget else _psnr(trial) >= self.psnr
 
     def is_near(self, trial: Trial) -> bool:
-        """Whether no better trial is looked for."""
+        """Return whether a trial keeps the target so closely that the search may end."""
         near = trial.bytes >= (1 - UNUSED) * self.budget if self.budget else _psnr(trial) <= self.psnr + OVER
         return near and self.is_met(trial)
 
     def excess(self, trial: Trial) -> float:
-        """How far a trial is from what is aimed at: log2 of bytes over, or dB under, no more than MOST_STEP places of it."""
+        """Return the distance of a trial from the aim: log2 of bytes over it, or dB under it, bounded by MOST_STEP places."""
         if self.budget:
             fixed, room = trial.bytes - trial.encoded.sizes["attributes"], USED * self.budget
             excess = math.log2(max(trial.encoded.sizes["attributes"], 1) / (room - fixed)) if fixed < room else math.inf
@@ -151,7 +169,7 @@ class _Target:
         return min(max(excess, -MOST_STEP * self.slope), MOST_STEP * self.slope)
 
     def is_better(self, trial: Trial, other: Trial | None) -> bool:
-        """Whether a trial that meets the target is better than another one that does."""
+        """Return whether a trial that meets the target is better than another one that does."""
         if other is None:
             return True
         return trial.bytes > other.bytes if self.budget else trial.bytes < other.bytes
@@ -163,7 +181,8 @@ def _psnr(trial):
 
 @dataclass(eq=False)
 class _Line:
-    """A plan and what was tried with it. qp: that it was made at; planning: Report of it; tried: (place, excess) in order."""
+    """A plan and its trials. qp: the QP that the plan was made for; planning: Report of the plan; tried: (place, excess) in
+    order."""
 
     plan: Filled
     qp: int
@@ -177,8 +196,8 @@ class _Line:
 
 
 class _Search:
-    """Trials over the QP: along a plan for as long as it suits, then along another one. Meshes and supports differ from plan to
-    plan, so that what is asked for may lie between what two of them reach: then it is the plan that meets it that goes on."""
+    """Trials over the QP: along one plan for as long as it suits, then along another. Meshes and supports differ from plan to
+    plan, so the target may lie between the results of two plans: then the search goes on with the plan that meets it."""
 
     def __init__(self, scene, options, report):
         self.scene, self.options, self.report = scene, options, report
@@ -192,8 +211,8 @@ class _Search:
         self._measure = _measure_of(scene, options)
 
     def refuse_hopeless(self):
-        """Raises what unreachable() makes where header and geometry alone are over the budget: before anything is tried. Not
-        where a smaller mesh may be sent."""
+        """Raise the error of unreachable() before any trial if header and geometry alone are over the budget. Do nothing if a
+        smaller mesh may be sent."""
         if self.target.budget is None or (self.options.mesh_is_free and len(self.scene.faces) >= FEWEST):
             return
         with self.report.stage("geometry"):
@@ -207,7 +226,7 @@ class _Search:
         return least_bytes(self.scene, self._request(FIRST_QP))
 
     def run(self):
-        """Fills trials, and best where one meets the target."""
+        """Fill trials, and set best if a trial meets the target."""
         qp = self._first_qp()
         while True:
             report = Report(self.report.on_progress)
@@ -232,23 +251,24 @@ class _Search:
             qp = further
 
     def _settled(self):
-        """The line that goes on where plans close to each other meet and miss the target; None where another plan is made."""
+        """Return the line to go on with if one of two plans close to each other meets the target and the other misses it; None if
+        another plan is needed."""
         met, missed = ([line for line in self._lines if line.has_met is is_met] for is_met in (True, False))
         near = [a for a in met for b in missed if abs(a.qp - b.qp) <= CLOSE]
         return min(near, key=lambda line: min(-excess for _, excess in line.tried if excess <= 0)) if near else None
 
     def _from_met(self, line, qp):
-        """QPs to that of the nearest other line that met the target."""
+        """Return the distance in QPs to the nearest other line that met the target."""
         return min((abs(qp - other.qp) for other in self._lines if other.has_met and other is not line), default=math.inf)
 
     def _following(self, line):
-        """The QP to try next on a line; None where none is left."""
+        """Return the QP to try next on a line; None if none is left."""
         place = next_place(line.tried, self._slope, not line.plan.price.planes.has_fractions)
         return None if place is None else max(self.target.place(place), self._least_qp)
 
     def _along(self, line, qp, reach, enough=ENOUGH):
-        """Tries QPs on a line. Returns the QP that another plan suits better; None where the search is done. reach: QPs from that
-        of the plan that it suits; enough: trials in all."""
+        """Try QPs on a line. Return a QP that another plan suits better; None if the search is done. reach: QPs around its own
+        that the plan suits; enough: trials in all."""
         if qp is not None and not line.plan.price.planes.has_fractions:
             qp = round(qp)
         while qp is not None and len(line.tried) < MOST_TRIALS:
@@ -264,13 +284,13 @@ class _Search:
         return None
 
     def _easier(self, qp):
-        """A QP whose plan is likelier to meet the target than that of a QP; None where there is none."""
+        """Return a QP whose plan is more likely to meet the target than the plan of this QP; None if there is none."""
         place = self.target.place(qp)
         return self.target.place(min(place + MOST_STEP, LAST_QP)) if place < LAST_QP else None
 
     def _between(self, qp):
-        """The QP for another plan, or where trials have missed and met the target, with whichever plans, one between those of
-        both that are nearest to it."""
+        """Return the QP for another plan. If trials, of any plan, have missed and met the target, it lies between the nearest of
+        both."""
         known = [(self.target.excess(trial), trial.qp) for trial in self.trials]
         missed = min((point for point in known if point[0] > 0), default=None)
         met = max((point for point in known if point[0] <= 0), default=None)
@@ -280,7 +300,7 @@ class _Search:
         return missed[1] + share * (met[1] - missed[1])
 
     def _first_qp(self):
-        """A QP that is likely to meet the target, by what supports at FIRST_QP are expected to take."""
+        """Return a QP that is likely to meet the target, from the bytes or the error expected of supports at FIRST_QP."""
         report = Report(self.report.on_progress)
         supports = self._encoder.supported(self._request(FIRST_QP), report).candidates[0].value
         self.report.take_seconds(report)
@@ -290,20 +310,21 @@ class _Search:
         return FIRST_QP if abs(qp - FIRST_QP) < 1 else min(max(qp, GUESSED_QPS[0]), GUESSED_QPS[1])
 
     def _by_bytes(self, supports: Supports, budget: int) -> float:
-        """QPs from FIRST_QP, by the bytes that attributes take there and those that the budget leaves them."""
+        """Return the offset to FIRST_QP, from the bytes that attributes take there and the bytes that the budget leaves for
+        them."""
         left = budget - sum(self._least_bytes)
         if self.options.mesh_is_free and not supports.plans:
             left = max(left, (1 - MESH_SHARE) * budget)
         return math.log2(supports.attributes / max(left, 0.1 * budget)) / BITS_PER_QP
 
     def _by_psnr(self, supports: Supports) -> float:
-        """QPs from FIRST_QP, by the dB that are expected there."""
+        """Return the offset to FIRST_QP, from the dB that are expected there."""
         of = self.options.target_psnr_of
         mse = supports.mse if of == "lit" else supports.colour_mse
         return (decibels(mse or 1.0) + GAINS[of] - self.target.psnr) / GUESSED_DECIBELS
 
     def _encode(self, planned, qp, planning):
-        """The Trial of a plan at a QP, which is kept where it is the best. planning: Report of the plan."""
+        """Return the Trial of a plan at a QP, and keep it if it is the best. planning: Report of the plan."""
         begin, report = time.perf_counter(), Report(self.report.on_progress)
         encoded = write(planned.between(qp), report)
         with report.stage("measure"):
@@ -323,7 +344,7 @@ class _Search:
         return trial
 
     def _measured(self, texf, encoded, report):
-        """PSNR of Y in dB, infinite for a lossless one; None, with a warning, where nothing is seen."""
+        """Return the PSNR of Y in dB, infinite for a lossless stream; None, with a warning, if no pixel or point is visible."""
         try:
             quality = self._measure(texf)
         except InputError as error:
@@ -341,7 +362,7 @@ class _Search:
         return request.changed(qp=qp, **({"rate": rate} if request.rate_is_free else {}))
 
     def _plan(self, qp, report) -> Filled | None:
-        """The plan for a QP, None where its geometry is over the budget."""
+        """Return the plan for a QP; None if its geometry is over the budget."""
         try:
             return self._encoder.filled(self._request(qp), report, budget=self.target.budget)
         except OverBudget as over:
@@ -349,7 +370,7 @@ class _Search:
             return None
 
     def unreachable(self, rows):
-        """The error that names the best of what was tried."""
+        """Return the error that names the best trial."""
         if self.target.budget:
             geometry = min([*self._geometry, *(t.encoded.sizes["geometry"] for t in self.trials)])
             least = min(rows, key=lambda r: r["bytes"], default=None)
@@ -362,8 +383,8 @@ class _Search:
 
 
 def _measure_of(scene, options):
-    """The function of a Texf whose PSNR of Y a search goes by: {"y", ...} in dB. What it needs of the source is made at its first
-    call, and kept."""
+    """Return the function that measures the PSNR of Y of a Texf for a search: {"y", ...} in dB. It prepares the source at its
+    first call, and keeps that."""
     cache, threads = Cache(), options.threads
     if options.target_psnr_of == "surface":
         samples = SAMPLES if options.measure else SEARCH_SAMPLES
@@ -375,13 +396,13 @@ def _measure_of(scene, options):
 
 
 def _decoded(encoded, threads):
-    """The Texf of a stream, with the values that the encoder had from its mirror of the decoder."""
+    """Return the Texf of a stream, with the values that the encoder has from its mirror of the decoder."""
     known = lambda values, group: group.join(encoded.values[values["field_index"]])
     return decode_stream(encoded.data, DecodeOptions(threads=threads, limits=UNLIMITED), Report(), known)
 
 
 def slope_of(tried: list[tuple[float, float]], slope: float) -> float:
-    """By which excess falls with a place between the latest two of (place, excess), but not far from a slope that is likely."""
+    """Return the fall of excess with a place between the latest two of (place, excess), but not far from a likely slope."""
     if len(tried) < 2 or abs(tried[-1][0] - tried[-2][0]) < 0.5:
         return slope
     own = (tried[-2][1] - tried[-1][1]) / (tried[-1][0] - tried[-2][0])
@@ -389,10 +410,11 @@ def slope_of(tried: list[tuple[float, float]], slope: float) -> float:
 
 
 def next_place(tried: list[tuple[float, float]], slope: float, whole: bool = False) -> float | None:
-    """Where excess may be 0, in 0..LAST_QP; None where nothing is left to try.
+    """Return the place at which excess may be 0, in 0..LAST_QP; None if nothing is left to try.
 
-    tried: (place, excess) in order; excess falls with place, at first by about `slope`; whole: whether places are whole numbers,
-    which then are the first whose excess is not above 0."""
+    tried: (place, excess) in order; excess falls with place, at first by about `slope`; whole: whether places are whole numbers;
+    the result is then the first whose excess is not above 0.
+    """
     low = max((point for point in tried if point[1] > 0), default=None)
     high = min((point for point in tried if point[1] <= 0), default=None)
     if low and high:

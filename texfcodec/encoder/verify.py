@@ -1,9 +1,9 @@
-"""The encoder's look at what it encoded: the stream is read again and compared with its source, part by part and in small
+"""The encoder's check of its own stream: the stream is read again and compared with its source, part by part and in small
 pictures.
 
-The container, the geometry, the places of values and their checksums are decoded from the bytes. Decoding the values themselves
-takes a tenth to a quarter of the time of coding them, so this is done for as many units as a share of that time allows, and the
-others have the values that the encoder had from its own mirror of the decoder.
+The check decodes container, geometry, places of values and their checksums from the bytes. Decoding the values themselves takes a
+tenth to a quarter of the time of coding them, so the check decodes as many units as a share of that time allows. The other units
+get the values that the encoder has from its own mirror of the decoder.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ SHORTFALL, COLOUR_SHORTFALL, OUTLINE_SHORTFALL = 4.5, 10.0, 15.0
 
 @dataclass(frozen=True, kw_only=True)
 class Miss:
-    """A part that is worse than the rate promises. material: its number; name; share: of the surface; measure: "Y" or "RGB";
-    psnr: in dB."""
+    """A part that is worse than the rate promises. material: its number; name: of the material; share: of the surface; measure:
+    "Y" or "RGB"; psnr: in dB."""
 
     material: int
     name: str
@@ -63,9 +63,29 @@ class Miss:
 
 
 def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Encoded:
-    """Codes a Scene as encode_scene() does, checks the stream, and codes parts again, finer, that are worse than the rate
-    promises, where that is possible and not too dear; what stays worse is a warning. Raises InputError, LimitError,
-    SupportError."""
+    """Code a scene, check the stream, and code parts again that are worse than the rate promises.
+
+    Parts are coded again, finer, if that is possible at a moderate cost. Parts that stay worse become warnings.
+
+    Parameters
+    ----------
+    scene : Scene
+        The source.
+    options : EncodeOptions
+        Without a target.
+    report : Report
+        Receives seconds by stage, and the messages of the stream that is kept.
+
+    Returns
+    -------
+    Encoded
+        The stream and its report; its check is that of check_encoded().
+
+    Raises
+    ------
+    InputError, LimitError, SupportError
+        As of encode_scene().
+    """
     begin, kept = time.perf_counter(), Report(report.on_progress)
     may_try_again = options.support == "auto" and promised_psnr(options) is not None
     encoder = Encoder(scene=scene, caches=Caches.of_second_try() if may_try_again else Caches())
@@ -88,8 +108,8 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
 
 
 def _no_larger(scene, encoded, options, report):
-    """(Encoded, its report) at a coarser QP, where the stream is larger than the source's files and the quality is the encoder's
-    to choose; as it was where no QP helps."""
+    """Return (Encoded, its report), at a coarser QP if the stream is larger than the source's files and the encoder may choose
+    the quality; unchanged if no QP helps."""
     most, is_free = sum(scene.files.values()), promised_psnr(options) is not None and options.given["qp"] is None
     if not is_free or encoded.sizes["attributes"] < len(encoded.data) - most:
         return encoded, report
@@ -109,7 +129,8 @@ def _no_larger(scene, encoded, options, report):
 
 
 def _coded_finer(encoder, missed, options, report):
-    """The checked Encoded with finer supports for what was missed; None where these go over a limit that the first kept."""
+    """Return the checked Encoded with finer supports for the missed parts; None if these go over a limit that the first encode
+    kept."""
     begin, materials = time.perf_counter(), frozenset(miss.material for miss in missed)
     try:
         encoded = encoder.encode(_finer(options, missed), report, materials)
@@ -120,7 +141,7 @@ def _coded_finer(encoder, missed, options, report):
 
 
 def _may_be_finer(encoded, missed, options, scene):
-    """Whether coding parts finer is the encoder's to choose, and not sure to take too many bytes."""
+    """Return whether the encoder may code parts finer, and whether they may fit into the bytes allowed."""
     if options.support != "auto" or options.qp != encoded.qp:
         return False
     parts, more = {miss.material for miss in missed}, 0
@@ -131,14 +152,14 @@ def _may_be_finer(encoded, missed, options, scene):
 
 
 def _most_bytes(encoded, missed, scene):
-    """Bytes that a stream may have whose parts were coded again: no more than the source, unless it has more already."""
+    """Return the bytes that a stream with finer parts may have: no more than the source, unless the stream already has more."""
     most = len(encoded.data) * (1 + min(MORE_PER_SHARE * sum(miss.share for miss in missed), MOST_MORE))
     source = sum(scene.files.values()) or math.inf
     return min(most, max(source, len(encoded.data)))
 
 
 def _finer(options, missed):
-    """The options, with finer chroma where colour is what is missed."""
+    """Return the options, with finer chroma if a part misses in colour."""
     if all(miss.measure == "Y" for miss in missed):
         return options
     usual = -1 if options.chroma_qp_offset is None else options.chroma_qp_offset
@@ -146,14 +167,14 @@ def _finer(options, missed):
 
 
 def _is_better(again, first):
-    """Whether the worst part gained enough between two checks."""
+    """Return whether the worst part gained enough between two checks."""
     before, after = (min((miss.psnr for miss in misses(check_of)), default=None) for check_of in (first, again))
     return after is None or (before is not None and after >= before + LEAST_GAIN)
 
 
 def check(scene: Scene, encoded: Encoded, options: EncodeOptions, report: Report, seconds: float) -> dict:
-    """Fills encoded.check with what check_encoded() says, returns it, and lets go of what only it needs. seconds: that the encode
-    took."""
+    """Fill encoded.check with the result of check_encoded(), return it, and drop everything that only the check needs. seconds:
+    duration of the encode."""
     with report.stage("check") as step:
         checked = encoded.check = check_encoded(scene, encoded, options, seconds, step)
     encoded.values = []
@@ -161,29 +182,34 @@ def check(scene: Scene, encoded: Encoded, options: EncodeOptions, report: Report
 
 
 def check_encoded(scene: Scene, encoded: Encoded, options: EncodeOptions, seconds: float, step: Step = no_step) -> dict:
-    """Compares a stream with the Scene it was made from.
+    """Compare a stream with the Scene that it was made from.
 
     Parameters
     ----------
+    scene : Scene
+        The source.
+    encoded : Encoded
+        Its stream, with the values of the encoder.
+    options : EncodeOptions
+        As they were for the encode.
     seconds : float
-        That the encode took, of which a share may go into decoding values again.
-    step : function
-        Of Report.stage(), called with how far the check is.
+        Duration of the encode, a share of which may go into decoding values again.
+    step : function, optional
+        Of Report.stage(), called with the progress of the check.
 
     Returns
     -------
     dict
-        JSON-ready: what compare_parts() says, None in the place of each PSNR where nothing is visible; "worst": the part with
-        the least PSNR of RGB, None where all are exact; "lit" or "flat": PSNR of Y in small pictures, with light where the asset
-        is lit; "outline": the same over pixels that either side covers; none of these where one colour, with normals that follow
-        from the geometry, leaves nothing to compare; "promised": PSNR
-        of Y that the rate stands for, None where it stands for none; "decoded_units": (units whose values were decoded, all
-        units).
+        JSON-ready: the result of compare_parts(), with None for each PSNR if nothing is visible; "worst": the part with the
+        least PSNR of RGB, None if all are exact; "lit" or "flat": PSNR of Y in small pictures, with light if the asset is lit;
+        "outline": the same over pixels that either side covers; neither of these if one colour, with normals that follow from
+        the geometry, leaves nothing to compare; "promised": PSNR of Y that the rate promises, None if it promises none;
+        "decoded_units": (units whose values were decoded, all units).
 
     Raises
     ------
     StreamError
-        The stream is not what the encoder took it for.
+        The stream does not hold what the encoder put into it.
     """
     texf, decoded = _decoded(encoded, options, seconds)
     step(1, 3)
@@ -199,13 +225,13 @@ def check_encoded(scene: Scene, encoded: Encoded, options: EncodeOptions, second
 
 
 def promised_psnr(options: EncodeOptions) -> float | None:
-    """PSNR of Y, in dB, that a rate stands for where its K and supports are the encoder's to choose; None elsewhere."""
+    """Return the PSNR of Y, in dB, that a rate promises if the encoder may choose K and supports; otherwise None."""
     free = options.rate_is_free and options.target_bytes is None and options.target_psnr is None
     return round(decibels(coding_mse(options.reckoned_qp)), 2) if free and options.qp is not None else None
 
 
 def misses(check: dict) -> list[Miss]:
-    """Parts of a check that fall short of its promise by more than SHORTFALL or COLOUR_SHORTFALL, the worst first."""
+    """Return the parts of a check that fall short of its promise by more than SHORTFALL or COLOUR_SHORTFALL, the worst first."""
     if check["promised"] is None:
         return []
     missed = []
@@ -219,7 +245,7 @@ def misses(check: dict) -> list[Miss]:
 
 
 def warnings_of(check: dict, options: EncodeOptions) -> list[str]:
-    """Sentences on what of a check is worse than the rate promises."""
+    """Return sentences on everything in a check that is worse than the rate promises."""
     missed, rate = misses(check), f"{options.rate} promises {check['promised']:.0f} dB" if check["promised"] else ""
     said = []
     if not check["visible"]:
@@ -234,20 +260,20 @@ def warnings_of(check: dict, options: EncodeOptions) -> list[str]:
 
 
 def _advice(options):
-    """What would keep more detail, "" where nothing is left to ask for."""
+    """Return advice for keeping more detail, "" if no option is left."""
     ways = ["a higher --rate"] if options.rate != max(RATES) else []
     ways += ["--support texels"] if options.support != "texels" else []
     return f"; {' or '.join(ways)} may keep more detail" if ways else ""
 
 
 def _named(missed):
-    """What the worst part is, and how many others there are."""
+    """Return the name and quality of the worst part, and the number of others."""
     others = f" and {len(missed) - 1} more" if len(missed) > 1 else ""
     return f"part {missed[0]}{others}"
 
 
 def _decoded(encoded, options, seconds):
-    """(Texf of a stream, [units whose values were decoded from its bytes, all units])."""
+    """Return (Texf of a stream, [units whose values were decoded from its bytes, all units])."""
     left, counts = [SHARE * seconds / SECONDS_PER_VALUE], [0, 0]
 
     def known(values, group):
@@ -264,12 +290,13 @@ def _decoded(encoded, options, seconds):
 
 
 def _is_geometry_alone(scene, encoded):
-    """Whether pictures show nothing but the geometry, which has its own checksum: one colour, and normals that follow from it."""
+    """Return whether pictures show nothing but the geometry, which has its own checksum: one colour, and normals that follow from
+    the geometry."""
     return scene.corner_normal is None and encoded.choices["supports"].get("reason") == NOTHING_TO_PROBE
 
 
 def _seen(scene, texf, options):
-    """{"lit" or "flat": PSNR of Y of a few small pictures, None where they are alike; "outline": with their outlines}; {} where
+    """Return {"lit" or "flat": PSNR of Y of a few small pictures, None if they are equal; "outline": with their outlines}; {} if
     they cannot be compared: no pixel shows both sides, or light makes a colour infinite."""
     lit = options.effects in ("auto", "all") and not all(material.unlit for material in scene.materials)
     look = Look(environment=DAYLIGHT) if lit else Look()

@@ -1,4 +1,4 @@
-"""The last step of an encode: values coded, and everything written as a stream. decoder.py is its mirror image (encoder only)."""
+"""The last step of an encode: code the values and write everything as a stream. decoder.py is its mirror image (encoder only)."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def write(filled: Filled, report: Report, units: Cache | None = None) -> Encoded
 
 
 def _without_values(filled: Filled, report: Report) -> Stream:
-    """The Stream of a Filled before its attribute units."""
+    """Return the Stream of a Filled before its attribute units."""
     scene, source, shading = filled.source.scene, filled.source, filled.shading
     stream = Stream(header_values(filled.materials, filled.surface, filled.geometry, len(filled.fields), source.groups))
     stream.geometry = filled.geometry
@@ -94,7 +94,7 @@ def _without_values(filled: Filled, report: Report) -> Stream:
 
 
 def _samplers(fields: list[SourceField]) -> dict:
-    """Metadata of samplers, which the bitstream does not know: fields whose texels are squares of one colour."""
+    """Return metadata of samplers, which the bitstream does not know: fields whose texels are squares of one colour."""
     squares = [number for number, part in enumerate(fields) if part.nearest]
     return {NEAREST_FIELDS: squares} if squares else {}
 
@@ -110,8 +110,8 @@ def _sha256(fields: list[SourceField], planes: list[dict[str, np.ndarray]]) -> s
 
 
 def _collapsed(scene: Scene, surface: Surface) -> tuple[list[str], list[str]]:
-    """(remarks, warnings) on faces of the scene that fall together on the lattice; those that name a vertex twice are the
-    loader's. A part that loses many is a warning, because a picture may show it."""
+    """Return (remarks, warnings) on faces of the scene that fall together on the lattice; the loader reports those that name a
+    vertex twice. A part that loses many faces is a warning, because a picture may show it."""
     a, b, c = scene.faces.T
     left = (a != b) & (b != c) & (c != a)
     left[surface.origin_face] = False

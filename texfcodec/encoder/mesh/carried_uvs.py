@@ -4,8 +4,8 @@ Points of the source have a UV and, on the simplified mesh, a nearest point of t
 that give these points their UVs back, in the sense of least squares. Corners at one vertex have one UV, unless a seam is between
 them: seams are lines of the simplification, so that a chart stays a chart.
 
-Quadrics that have the UVs in them (Hoppe 1999) choose the collapses hardly better: at 35 to 70 % of the faces of two boxes, a
-statue and a terrain pictures had 0.8 to 1.1 times the error, so that the simplification knows of seams alone.
+Quadrics that include the UVs (Hoppe 1999) hardly choose better collapses: at 35 to 70 % of the faces of two boxes, a statue and a
+terrain, pictures had 0.8 to 1.1 times the error. So the simplification knows of seams alone.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Which mesh is sent: the source's at how many position bits, or a smaller one that looks the same (encoder only).
+"""The choice of the sent mesh: the source's at some number of position bits, or a smaller one that looks the same (encoder only).
 
 Geometry is most of a scan's stream. A mesh of fewer faces, fitted to the source and put on the lattice as a whole, takes half the
-bytes; what it does to pictures adds to what coding does to colours. So the mesh is taken that has the least error plus bytes, a
-byte counting as much as it buys where colours are coded. The source's mesh is one of the candidates and stays unless another one
-is measured to be better: an asset that somebody has simplified before gains nothing, and loses nothing.
+bytes; its error in pictures adds to the error of coded colours. So the encoder takes the mesh with the least error plus bytes, a
+byte counting as much as it buys in colours. The source's mesh is one of the candidates and stays unless another one is measured
+to be better: an asset that somebody has simplified before gains nothing, and loses nothing.
 """
 
 from __future__ import annotations
@@ -89,22 +89,23 @@ class SentMesh:
     saved: float = 0.0
 
     def shown(self, scene: Scene) -> Scene:
-        """The source, some of whose textures may have been changed, with the faces of source_on_mesh."""
+        """Return the source, some of whose textures may have changed, with the faces of source_on_mesh."""
         return replace(self.scene, textures=scene.textures) if self.carries else scene
 
     def at_corners(self, corner: np.ndarray) -> np.ndarray:
-        """Values at corners of the surface, float32 [G, 3, C], at those of source_on_mesh, float32 [F, 3, C]."""
+        """Return values at the corners of source_on_mesh, float32 [F, 3, C], from values at the corners of the surface, float32
+        [G, 3, C]."""
         return corner if self.corner_places is None else self.corner_places.from_corners(corner)
 
 
 def kept(scene: Scene, surface: Surface) -> SentMesh:
-    """The source's mesh on a lattice."""
+    """Return the source's mesh on a lattice."""
     return SentMesh(scene=scene, surface=surface, source_face=surface.origin_face, source_on_mesh=surface)
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshRequest:
-    """What the choice of the mesh reads of EncodeOptions. position_bits: of its lattice; partition: as of EncodeOptions."""
+    """Fields of EncodeOptions that the choice of the mesh depends on."""
 
     position_bits: int
     position_bits_are_free: bool
@@ -125,14 +126,14 @@ class MeshRequest:
 
 
 class _LatticeKey(NamedTuple):
-    """What a lattice of the source, or pictures of it there, depend on beside the scene."""
+    """Everything beside the scene that a lattice of the source, or pictures of it there, depend on."""
 
     kind: str
     position_bits: int
 
 
 class _MeshesKey(NamedTuple):
-    """What simplified meshes depend on beside the scene."""
+    """Everything beside the scene that simplified meshes depend on."""
 
     position_bits: int
     carries: bool
@@ -140,8 +141,8 @@ class _MeshesKey(NamedTuple):
 
 
 class MeshChoice:
-    """Looks at meshes for one Scene. usual: its Surface at the usual position bits; mse: squared error of colours and maps,
-    None where these take no bytes; cache: of meshes and their pictures, which neither price nor mse changes."""
+    """Choice of the mesh for one Scene. usual: its Surface at the usual position bits; mse: squared error of colours and maps,
+    None if these take no bytes; cache: of meshes and their pictures, which depend on neither price nor mse."""
 
     def __init__(self, scene: Scene, usual: Surface, price: Lagrangian, request: MeshRequest, mse: float | None,
                  cache: Cache) -> None:
@@ -150,7 +151,7 @@ class MeshChoice:
         self.evidence: dict[str, Any] = {"reason": self._reason()}
 
     def _reason(self):
-        """Why the source's mesh is sent at the usual bits; "" where that is to be seen."""
+        """Return why the source's mesh is sent at the usual bits; "" if that needs a trial."""
         if not self.request.position_bits_are_free:
             return "position bits were requested"
         if self.price.max_error is not None:
@@ -164,12 +165,12 @@ class MeshChoice:
             self.scene, self.usual, shown_of_radians(self.scene.weights), self.price.threads))
 
     def picture_error(self, surface: Surface) -> PictureError:
-        """What the source on another lattice does to pictures."""
+        """Return the PictureError of the source on another lattice."""
         key = _LatticeKey("pictures", surface.cube.position_bits)
         return self.cache.get(key, lambda: self.pictures.of(surface, self.pictures.normals_of(surface)))
 
     def finer(self) -> Surface:
-        """The source at the bits, from the usual ones on, that cost least."""
+        """Return the source at the position bits, from the usual ones on, that cost least."""
         if self.evidence["reason"]:
             return self.usual
         usual, error, best = self.usual.cube.position_bits, self.picture_error(self.usual).error, self.usual
@@ -191,10 +192,10 @@ class MeshChoice:
         return self.cache.get(_LatticeKey("lattice", bits), lambda: make_surface(self.scene, request))
 
     def smaller(self, surface: Surface, group: np.ndarray, plans: list[TexelPlan], step: Step = no_step) -> Decision[SentMesh]:
-        """The mesh that costs least among the source's and smaller ones, at the usual bits and fewer.
+        """Return the mesh that costs least among the source's and smaller ones, at the usual bits and fewer.
 
-        surface: of finer(); group: int64 [F] of its faces: those of two groups stay apart; plans: TexelPlans, whose UVs go with
-        the faces; flat colours, which are exact, keep every vertex where it is.
+        surface: of finer(); group: int64 [F] of its faces: two groups stay apart; plans: TexelPlans, whose UVs go with the faces;
+        flat colours, which are exact, keep every vertex in place.
         """
         usual = kept(self.scene, surface)
         if self._reason() or not self.request.mesh_is_free:
@@ -211,8 +212,8 @@ class MeshChoice:
         return Decision(sent, search.evidence(best, sent.surface))
 
     def _meshes(self, surface, group, carries):
-        """The _Meshes of a surface and its groups, as smaller() has them. carries: whether they have UVs of their own: then only
-        borders of groups count."""
+        """Return the _Meshes of a surface and its groups, as smaller() has them. carries: whether they have UVs of their own:
+        then only borders of groups count."""
         group = group * (int(surface.material.max(initial=0)) + 1) + surface.material
         borders = seam_edges(surface.faces, group)
         key = _MeshesKey(surface.cube.position_bits, carries, (borders if carries else group).tobytes())
@@ -220,13 +221,13 @@ class MeshChoice:
 
 
 def _is_exact(plan):
-    """Whether the texels of a TexelPlan are so few, in flat colours, that they will be coded exactly."""
+    """Return whether the texels of a TexelPlan are so few, in flat colours, that they will be coded exactly."""
     return plan.group.palette or (plan.size[0] * plan.size[1] <= FEW_TEXELS and has_few_colours(plan.group.image.reshape(-1, 4)))
 
 
 class _MeshTrial(NamedTuple):
-    """A mesh that was looked at. sent: None where no face has area; face: int64 [G], the usual surface's that each of its faces
-    was; moved: what it does to pictures."""
+    """A mesh that was tried. sent: None if no face has area; face: int64 [G], face of the usual surface that each face comes
+    from; moved: its PictureError."""
 
     sent: SentMesh | None
     face: np.ndarray
@@ -235,8 +236,8 @@ class _MeshTrial(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class _Candidate:
-    """What a mesh that was looked at costs. place: in shares and bits; faces: int; geometry: bytes; moved: PictureError; cost: at
-    the price of a byte; refused: why it may not be taken."""
+    """The costs of a tried mesh. place: in shares and bits; faces: number; geometry: bytes; moved: PictureError; cost: at the
+    price of a byte; refused: reason against it, or ""."""
 
     place: tuple[int, int]
     faces: int
@@ -247,20 +248,20 @@ class _Candidate:
 
     @property
     def bits(self) -> int:
-        """Of its positions."""
+        """Bits of its positions."""
         return self.place[1]
 
     def row(self) -> dict:
-        """What the report says of it."""
+        """Return the row of the report."""
         said = {"faces": self.faces, "position_bits": self.bits, "geometry_bytes": self.geometry, "cost": round(self.cost, 0),
                 "mse": round(self.moved.mse, 3), "silhouette": round(self.moved.silhouette, 5), "lost": round(self.moved.lost, 6)}
         return said | ({"refused": self.refused} if self.refused else {})
 
 
 class _Search:
-    """Takes what costs least of _Meshes, at the price of a byte: reckons what each number of faces and of bits would cost, and
-    looks at those that promise least. plans: TexelPlans of its faces; usual: place in shares and bits of the source's mesh;
-    tried: by place."""
+    """Search for the cheapest of _Meshes, at the price of a byte. It predicts the cost of each number of faces and bits, and
+    tries the most promising ones. plans: TexelPlans of the faces; usual: place in shares and bits of the source's mesh; tried: by
+    place."""
 
     def __init__(self, choice: MeshChoice, meshes: _Meshes, plans: list[TexelPlan]) -> None:
         self.choice, self.meshes, self.price, self.plans = choice, meshes, choice.price, plans
@@ -275,7 +276,7 @@ class _Search:
         return self._candidate(*self.usual)
 
     def best(self, step: Step) -> _Candidate:
-        """The candidate of least cost that nothing speaks against: those that promise least are looked at until none does."""
+        """Return the cheapest allowed candidate: the most promising one is tried until it has been tried before."""
         self.meshes.begin()
         self._candidate(*self.usual)
         first = self._candidate(0, REFERENCE_BITS)
@@ -300,7 +301,7 @@ class _Search:
         return self.tried[place, bits]
 
     def _measured(self, place):
-        """The _Candidate at a place, refused where something speaks against it."""
+        """Return the _Candidate at a place, refused if there is a reason against it."""
         sent, face, moved = self.meshes.trial(*place)
         if sent is None:
             return _Candidate(place=place, faces=0, geometry=0, moved=moved, cost=NOTHING, refused="no face is left")
@@ -310,8 +311,8 @@ class _Search:
                           cost=self.price.cost(size, moved.error), refused=refused)
 
     def _bytes(self, surface, face, corner_uv):
-        """Bytes of Draco for the faces over voxels, and for those of each plan and material with their UVs. face: the usual
-        surface's that each of its faces was."""
+        """Return bytes of Draco for the faces over voxels, and for those of each plan and material with their UVs. face: face of
+        the usual surface that each face comes from."""
         plan_of, bits, size = self._plan_of[face], surface.cube.position_bits, 0.0
         if (plan_of < 0).any():
             size += draco_bytes(surface.lattice, surface.faces[plan_of < 0], bits)
@@ -331,7 +332,8 @@ class _Search:
         return "thin parts disappear" if moved.worst_lost > MOST_LOST else ""
 
     def _reckoned(self, here):
-        """{place: (bytes, squared error)}, from one look, here, and the distances of meshes that are not fitted."""
+        """Return {place: (bytes, squared error)} predicted from one trial, here, and the distances of meshes that are not
+        fitted."""
         usual, out = self.meshes.usual, {}
         vertices = _count_used(usual)
         for place, away in enumerate(self.meshes.aways):
@@ -342,8 +344,8 @@ class _Search:
         return out
 
     def _promise(self, reckoned, place):
-        """The cost of a candidate: as measured, or as reckoned, with what measuring others has taught: those of as many faces,
-        or all of fewer faces than the source."""
+        """Return the cost of a candidate: measured, or predicted and then corrected by the measured candidates of as many faces,
+        or else by all with fewer faces than the source."""
         if place in self.tried:
             return np.inf if self.tried[place].refused else self.tried[place].cost
         thin = (at for at, candidate in self.tried.items() if candidate.refused and candidate.moved.worst_lost > MOST_LOST)
@@ -356,15 +358,15 @@ class _Search:
         return self.price.cost(size, error) if error <= self.choice.most_moved else np.inf
 
     def evidence(self, best: _Candidate, surface: Surface) -> dict:
-        """What was tried, and what was taken. surface: of the latter."""
+        """Return the tried meshes and the chosen one, for the report. surface: of the chosen mesh."""
         evidence = {"reason": "lowest cost in bytes and picture error", "faces": [len(self.meshes.usual.faces), best.faces],
                 "position_bits": best.bits, "tried": [candidate.row() for candidate in self.tried.values()]}
         return evidence if best is self.at_usual else evidence | {"distance": self.meshes.distance(surface)}
 
 
 class _Fit(NamedTuple):
-    """fit: VertexFit; face: int64 [G], the source's face of each of its faces; uvs: float64 [G, 3, 2] by map_uv's names, "" for
-    corner_uv, where they are carried."""
+    """fit: VertexFit; face: int64 [G], source face of each of its faces; uvs: float64 [G, 3, 2] by names of map_uv, "" for
+    corner_uv; empty if UVs are not carried."""
 
     fit: VertexFit
     face: np.ndarray
@@ -372,9 +374,9 @@ class _Fit(NamedTuple):
 
 
 class _Meshes:
-    """Meshes of one source, with what each does to pictures, at any price of a byte. usual: its Surface; group: int64 [F] of its
-    faces, those of two stay apart; borders: int64 [L, 2], edges between groups; carries: whether faces keep UVs of their own;
-    shares: of its faces that others may have."""
+    """Meshes of one source with their PictureErrors, at any price of a byte. usual: its Surface; group: int64 [F] of its faces:
+    two groups stay apart; borders: int64 [L, 2], edges between groups; carries: whether faces keep UVs of their own; shares: of
+    its faces that smaller meshes may have."""
 
     def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, borders: np.ndarray, carries: bool) -> None:
         self.scene, self.usual, self.choice = choice.scene, usual, choice
@@ -389,14 +391,15 @@ class _Meshes:
         self._simplifying: Callable[[], Simplification] | None = None
 
     def begin(self) -> Callable[[], Simplification]:
-        """Begins to simplify, beside the looks that need no smaller mesh; the function waits for the end."""
+        """Start the simplification in the background, beside trials that need no smaller mesh. Return a function that waits for
+        its end."""
         if self._simplifying is None:
             self._simplifying = ahead(self._simplified_source, self.choice.price.threads)
         return self._simplifying
 
     @cached_property
     def _seams(self):
-        """Edges at which what is carried on the faces changes, int64 [L, 2]."""
+        """Edges at which UVs or groups of the faces change, int64 [L, 2]."""
         uvs = [uv[self.usual.origin_face] for uv in (self.scene.corner_uv, *self.scene.map_uv.values())]
         return np.concatenate([self._borders, seam_edges(self.usual.faces, corner=np.concatenate(uvs, axis=2), apart=SAME_UV)])
 
@@ -411,14 +414,13 @@ class _Meshes:
         return simplify(self.source, np.concatenate(lines))
 
     def trial(self, place: int, bits: int) -> _MeshTrial:
-        """The mesh of a share of the faces at some position bits."""
+        """Return the mesh of a share of the faces at some position bits."""
         if (place, bits) not in self._trials:
             self._trials[place, bits] = self._new_trial(place, bits)
         return self._trials[place, bits]
 
     def keep_only(self, place: tuple[int, int]) -> None:
-        """Lets go of all looks but one, of share and bits; others are made again where they are asked for, but for their
-        pictures."""
+        """Drop all trials but one, of share and bits. Others are computed again when they are needed, except their pictures."""
         self._trials = {place: self.trial(*place)}
 
     def _new_trial(self, place, bits):
@@ -439,7 +441,7 @@ class _Meshes:
         return _MeshTrial(sent, face, self._moved[place, bits])
 
     def _moved_by(self, sent, fetched):
-        """What another mesh does to pictures. fetched: FetchedNormals there."""
+        """Return the PictureError of another mesh. fetched: FetchedNormals there."""
         pictures, wanted = self.choice.pictures, None
         normals = pictures.normals_of(sent.surface)
         if not sent.carries:
@@ -450,8 +452,8 @@ class _Meshes:
 
     @cached_property
     def aways(self) -> list[float]:
-        """How far meshes of each of the shares are from the source, before they are fitted, in what REFERENCE_BITS's rounding is,
-        which leaves faces: roots of mean squared distances."""
+        """Distances of the meshes of each share from the source, before they are fitted: roots of mean squared distances,
+        relative to the rounding of REFERENCE_BITS, which leaves all faces."""
         sent = self.trial(0, REFERENCE_BITS).sent
         assert sent is not None
         cube, meshes = sent.surface.cube, [Mesh(sent.surface.cube.to_world(sent.surface.lattice), sent.surface.faces)]
@@ -470,7 +472,7 @@ class _Meshes:
         return [0.0, *(FIT_GAIN * away / max(rounding, 1e-9 * cube.side) for away in aways)]
 
     def _fit(self, place):
-        """The _Fit of a share of the faces."""
+        """Return the _Fit of a share of the faces."""
         if place not in self._fits:
             self._fits[place] = self._new_fit(place)
         return self._fits[place]
@@ -489,8 +491,8 @@ class _Meshes:
         return _Fit(fit, some.face, uvs)
 
     def _sent(self, surface, face, simplified, uvs, fetched):
-        """A SentMesh. surface: on its lattice; face: the usual surface's that each of its faces was; uvs: of a _Fit; fetched:
-        FetchedNormals there."""
+        """Return a SentMesh. surface: on its lattice; face: face of the usual surface that each face comes from; uvs: of a _Fit;
+        fetched: FetchedNormals there."""
         rows = self.usual.origin_face[face]
         if not simplified:
             return kept(self.scene, replace(surface, origin_face=rows))
@@ -518,12 +520,13 @@ class _Meshes:
         return SentMesh(scene=sent, surface=surface, source_face=rows, source_on_mesh=drawn, corner_places=places)
 
     def _fetched_tangents(self, tangent, fetched, rows):
-        """The scene's tangents, float32 [F, 3, 4], at the corners of another mesh: a face's own side of the image stays."""
+        """Return the scene's tangents, float32 [F, 3, 4], at the corners of another mesh. Each face keeps its own side of the
+        image."""
         way = fetched.of(np.ascontiguousarray(tangent[self.usual.origin_face][..., :3]))
         return np.concatenate([way, tangent[rows][..., 3:]], axis=2)
 
     def distance(self, surface: Surface) -> dict:
-        """D1, D2 and Hausdorff distance of a surface from the source: SurfaceDistance.report()."""
+        """Return D1, D2 and Hausdorff distance of a surface from the source, as SurfaceDistance.report()."""
         mesh = Mesh(surface.cube.to_world(surface.lattice), surface.faces)
         return surface_distance(self.source, mesh, samples=DISTANCE_POINTS, threads=self.choice.price.threads).report()
 
@@ -533,12 +536,13 @@ class _Meshes:
 
 
 def _is_coarser(place, other):
-    """Whether a place in shares and bits loses at least the thin parts that another does: of fewer faces, or bits of all."""
+    """Return whether a place in shares and bits loses at least the thin parts that another does: it has fewer faces, or fewer
+    bits of all faces."""
     return place[0] >= other[0] and (other[0] > 0 or place[1] <= other[1])
 
 
 def _count_used(surface):
-    """Vertices that faces of a Surface have."""
+    """Return the number of vertices that faces of a Surface have."""
     return len(used_vertices(surface.faces, len(surface.lattice))[0])
 
 

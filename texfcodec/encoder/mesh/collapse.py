@@ -1,7 +1,7 @@
-"""The loop of the simplification: the cheapest edge that may go, again and again (encoder only).
+"""The loop of the simplification: it collapses the cheapest allowed edge, again and again (encoder only).
 
-The heap keeps entries that have gone stale, and says so by the versions of their ends; ties go to the lower vertices. An edge
-that may not go when its turn comes is looked at again when one of its ends has changed, and once more when the heap is empty.
+The heap keeps stale entries and recognises them by the versions of their ends; ties go to the lower vertices. An edge that may
+not collapse in its turn is tried again when one of its ends has changed, and once more when the heap is empty.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ TURN = 0.2  # cosine of the largest angle by which a collapse may turn a face
 
 
 class Collapsed(NamedTuple):
-    """kept, removed: int64 [C]; placed: float64 [C, 3]; error: float64 [C], the quadric error there; fixed: bool [C], whether
-    kept is a vertex that stays; remaining: int64 [C], faces; last: int64 [F], the collapse that takes a face away, else C."""
+    """kept, removed: int64 [C]; placed: float64 [C, 3]; error: float64 [C], the quadric error there; fixed: bool [C], whether the
+    kept vertex stays in place; remaining: int64 [C], faces; last: int64 [F], the collapse that removes a face, C if none does."""
 
     kept: np.ndarray
     removed: np.ndarray
@@ -31,10 +31,10 @@ class Collapsed(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """positions [V, 3], quadrics [V, 10]; kind [V]; faces [F, 3], marked [F, 3], their sides that are lines; last [F], -1 while a
-    face is there; turned [F], whether one is of turned_faces() still; head, tail [V] and after [3 F]: the corners 3 f + i of
-    every vertex as a list that ends with -1; version [V], which rises when a vertex changes, -1 when it is gone; mark [V], stamp
-    [1]: sets of vertices; place [3], total [10]: the place and the quadric of the edge that is looked at."""
+    """positions [V, 3], quadrics [V, 10]; kind [V]; faces [F, 3], marked [F, 3], their sides that are lines; last [F], -1 as long
+    as a face exists; turned [F], whether it is still one of turned_faces(); head, tail [V] and after [3 F]: the corners 3 f + i
+    of every vertex as a list that ends with -1; version [V], which rises when a vertex changes, -1 when it is removed; mark [V],
+    stamp [1]: sets of vertices; place [3], total [10]: place and quadric of the current edge."""
 
     positions: np.ndarray
     quadrics: np.ndarray
@@ -63,8 +63,8 @@ class _Heap(NamedTuple):
 
 def collapse_all(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray, kind: np.ndarray,
                  quadrics: np.ndarray) -> Collapsed:
-    """All collapses, in order. positions: float64 [V, 3] in -1..1; faces: int64 [F, 3] without equal corners; marked: bool [F,
-    3]; kind: int64 [V], and quadrics: float64 [V, 10], as topology.py and quadrics.py make them."""
+    """Return all collapses, in order. positions: float64 [V, 3] in -1..1; faces: int64 [F, 3] without equal corners; marked: bool
+    [F, 3]; kind: int64 [V], of topology.py; quadrics: float64 [V, 10], of quadrics.py."""
     vertices, count = len(positions), len(faces)
     work = _Work(positions.copy(), quadrics.copy(), kind.copy(), faces.copy(), marked.astype(np.uint8), np.full(count, -1),
                  turned_faces(positions, faces), np.full(vertices, -1), np.full(vertices, -1), np.full(3 * count, -1),
@@ -81,7 +81,7 @@ def collapse_all(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray, k
 
 @kernel
 def _collapse_all(work, heap, ends, placed, remaining):
-    """Fills the rows of ends (kept, removed), placed (and the error) and remaining; returns their number."""
+    """Fill the rows of ends (kept, removed), placed (and the error) and remaining; return their number."""
     faces = work.faces.shape[0]
     for corner in range(3 * faces):
         v = work.faces[corner // 3, corner % 3]
@@ -121,7 +121,7 @@ def _collapse_all(work, heap, ends, placed, remaining):
 
 @kernel
 def _error_of(work, a, b):
-    """Error of joining two vertices; work.place is where."""
+    """Return the error of joining two vertices, and write the place into work.place."""
     p, r = work.positions[a], work.positions[b]
     for k in range(10):
         work.total[k] = work.quadrics[a, k] + work.quadrics[b, k]
@@ -135,7 +135,7 @@ def _error_of(work, a, b):
 
 @kernel
 def _push_edges(work, heap, v, upwards):
-    """Puts the edges of a vertex on the heap, all or those to higher vertices, unless their lines forbid it for good."""
+    """Put the edges of a vertex on the heap, all or those to higher vertices, unless their lines forbid a collapse for good."""
     work.stamp[0] += 1
     stamp = work.stamp[0]
     corner = work.head[v]
@@ -159,8 +159,8 @@ def _push_edges(work, heap, v, upwards):
 
 @kernel
 def _may_join(work, a, b):
-    """Whether the edge can go without a change of topology: its ends have no common neighbours but those across its faces (the
-    link condition), and no two lines become one."""
+    """Return whether the edge can collapse without a change of topology: its ends have no common neighbours but those across its
+    faces (the link condition), and no two lines become the same line."""
     work.stamp[0] += 2
     ring, common = work.stamp[0] - 1, work.stamp[0]
     shared, first, second = 0, -1, -1
@@ -209,8 +209,8 @@ def _has_face(work, v, x, y):
 
 @kernel
 def _turns(work, v, other):
-    """Whether a face at v that stays turns too far, or loses its area, when v goes to work.place; a turned one has to turn
-    back."""
+    """Return whether a remaining face at v turns too far, or loses its area, when v moves to work.place; a turned face has to
+    turn back."""
     corner, p, to = work.head[v], work.positions[v], work.place
     while corner >= 0:
         f, i = corner // 3, corner % 3
@@ -233,7 +233,7 @@ def _turns(work, v, other):
 
 @kernel
 def _join_vertices(work, a, b, step):
-    """Moves the faces of b to a, which goes to work.place; returns the number of faces that vanish."""
+    """Move the faces of b to a, and a to work.place; return the number of removed faces."""
     gone = 0
     for v in (a, b):
         corner = work.head[v]
@@ -269,7 +269,7 @@ def _join_vertices(work, a, b, step):
 
 @kernel
 def _link(work, a, b):
-    """Appends the corners of b to those of a, and drops those whose faces have gone."""
+    """Append the corners of b to those of a, without those of removed faces."""
     last = -1
     for v in (a, b):
         corner = work.head[v]
@@ -291,7 +291,7 @@ def _link(work, a, b):
 
 @kernel
 def _mark_line(work, v, other):
-    """Makes a line of the sides between v and other."""
+    """Mark the sides between v and other as a line."""
     corner = work.head[v]
     while corner >= 0:
         f, i = corner // 3, corner % 3
@@ -304,7 +304,7 @@ def _mark_line(work, v, other):
 
 @kernel
 def _before(heap, i, j):
-    """Whether entry i comes before entry j: by error, then by the ends."""
+    """Return whether entry i comes before entry j: by error, then by the ends."""
     if heap.error[i] != heap.error[j]:
         return heap.error[i] < heap.error[j]
     if heap.entry[i, 0] != heap.entry[j, 0]:
@@ -321,7 +321,7 @@ def _swap(heap, i, j):
 
 @kernel
 def _copy(heap, i, j):
-    """Entry i becomes what entry j is."""
+    """Copy entry j to entry i."""
     heap.error[i] = heap.error[j]
     for k in range(4):
         heap.entry[i, k] = heap.entry[j, k]

@@ -1,5 +1,5 @@
-"""Edges that a simplification keeps as lines: where materials, fields or UVs change, and where the surface is sharp (encoder
-only). Borders and edges of more than two faces need not be named."""
+"""Edges that a simplification keeps as lines: changes of material, field or UV, and sharp edges (encoder only). The
+simplification finds borders and edges of more than two faces by itself."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .topology import scaled_normals, side_pairs, turned_faces, undirected
 
 def seam_edges(faces: np.ndarray, group: np.ndarray | None = None, corner: np.ndarray | None = None,
                apart: float = 0.0) -> np.ndarray:
-    """Edges between two faces of different groups, or at which what their corners hold differs by more than `apart`, int64
+    """Return edges between two faces of different groups, or at which values of their corners differ by more than `apart`, int64
     [L, 2]. faces: int64 [F, 3] over welded vertices; group: [F], of a material or a field; corner: [F, 3, C], UVs or normals."""
     ends, edge, count = undirected(faces)
     sides, edges = side_pairs(edge, count)
@@ -29,8 +29,8 @@ def seam_edges(faces: np.ndarray, group: np.ndarray | None = None, corner: np.nd
 
 
 def sharp_edges(mesh: Mesh, degrees: float) -> np.ndarray:
-    """Edges between two faces whose normals are more than `degrees` apart, int64 [L, 2]; a face without area has none, and
-    none of turned_faces(): a fault that is kept as lines would never go."""
+    """Return edges between two faces whose normals are more than `degrees` apart, int64 [L, 2]. Faces without area and
+    turned_faces() have no such edges: as lines they would never go."""
     ends, edge, count = undirected(mesh.faces)
     sides, edges = side_pairs(edge, count)
     normals, turned = scaled_normals(mesh.positions, mesh.faces), turned_faces(mesh.positions, mesh.faces)

@@ -1,4 +1,4 @@
-"""Bytes that Draco takes for faces of a surface: coded, or reckoned from pieces where there are many (encoder only)."""
+"""Draco bytes of faces of a surface: coded, or estimated from pieces if there are many faces (encoder only)."""
 
 import math
 
@@ -15,8 +15,8 @@ MORTON_BITS = 16
 
 
 def draco_bytes(lattice: np.ndarray, faces: np.ndarray, position_bits: int, uv: np.ndarray | None = None) -> float:
-    """Bytes of one unit, infinite where Draco cannot hold it. lattice: int64 [V, 3]; faces: int64 [F, 3]; uv: int64 [F, 3, 2] of
-    any origin, or None."""
+    """Return the bytes of one unit, infinite if Draco cannot code it. lattice: int64 [V, 3]; faces: int64 [F, 3]; uv: int64 [F,
+    3, 2] of any origin, or None."""
     try:
         return _coded_bytes(lattice, faces, position_bits, uv)
     except InputError:
@@ -24,7 +24,7 @@ def draco_bytes(lattice: np.ndarray, faces: np.ndarray, position_bits: int, uv: 
 
 
 def _coded_bytes(lattice, faces, position_bits, uv):
-    """Returns the same, but raises InputError TXF-I62 if Draco cannot code the mesh."""
+    """Return the same by coding all faces. Raises InputError TXF-I62 if Draco cannot code the mesh."""
     if len(faces) > MOST_CODED:
         chosen = _pieces(lattice, faces, position_bits)
         part = _coded_bytes(lattice, faces[chosen], position_bits, None if uv is None else uv[chosen])
@@ -39,7 +39,7 @@ def _coded_bytes(lattice, faces, position_bits, uv):
 
 
 def _pieces(lattice, faces, position_bits):
-    """Faces of PIECES pieces, evenly spread along the Morton curve, int64 [PIECES * PIECE] ascending."""
+    """Return the faces of PIECES pieces, evenly spread along the Morton curve, int64 [PIECES * PIECE] ascending."""
     order = np.argsort(encode_morton(lattice[faces[:, 0]] >> max(position_bits - MORTON_BITS, 0)), kind="stable")
     begin = np.linspace(0, len(faces) - PIECE, PIECES).astype(np.int64)
     return np.sort(order[(begin[:, None] + np.arange(PIECE)).ravel()])

@@ -1,8 +1,8 @@
-"""The source's surface drawn onto another mesh: every vertex goes to the nearest point there, so that each face, with its UVs and
-colours, lies on the surface that is sent (encoder only).
+"""The source's surface drawn onto another mesh: every vertex moves to the nearest point there, so that each face, with its UVs
+and colours, lies on the sent surface.
 
-All that asks the source for its appearance walks over its own faces; it need not know that they have moved. Between two vertices
-a face cuts the corner of a fold of the other mesh, by less than a voxel where faces are a few voxels wide.
+Everything that samples the appearance of the source walks over its own faces and need not know that they have moved. Between two
+vertices a face cuts the corner of a fold of the other mesh, by less than a voxel if faces are a few voxels wide. Encoder only.
 """
 
 from __future__ import annotations
@@ -26,21 +26,22 @@ TURN = 0.05  # of the longest side: how much farther away a point counts that lo
 @dataclass(frozen=True, kw_only=True)
 class DrawnSource:
     """mesh: the moved faces, in the source's order; place: int64 [F, 3], face of the other mesh that each corner is on; bary:
-    float64 [F, 3, 3], where on it."""
+    float64 [F, 3, 3], position of each corner on that face."""
 
     mesh: Mesh
     place: np.ndarray
     bary: np.ndarray
 
     def from_corners(self, corner: np.ndarray) -> np.ndarray:
-        """What corners of the other mesh hold, float32 [G, 3, C], at the corners of the moved faces, float32 [F, 3, C]."""
+        """Return values at the corners of the moved faces, float32 [F, 3, C], from values at the corners of the other mesh,
+        float32 [G, 3, C]."""
         values = interpolate_corners(corner, self.place.reshape(-1), self.bary.reshape(-1, 3))
         return values.reshape(-1, 3, corner.shape[2])
 
 
 def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndarray, threads: int = 1) -> DrawnSource:
-    """The source drawn onto another mesh with faces. group, other_group: int64 of each face; a face goes to those of its own
-    group where there are any about as near, so that one part of an asset is not drawn onto another."""
+    """Return the source drawn onto another mesh with faces. group, other_group: int64 of each face; a face goes to faces of its
+    own group if any are about as near, so that one part of an asset is not drawn onto another."""
     count = int(group.max(initial=0)) + 1
     pair, faces, _ = distinct(source.faces * count + group[:, None])
     points = source.positions[pair // count]
@@ -51,7 +52,7 @@ def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndar
 
 
 def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Sums over the faces at each vertex of their normals by area, float64 [V, 3], not of length 1."""
+    """Return the sums of area-weighted face normals at each vertex, float64 [V, 3], not of length 1."""
     cross, out = area_normals(Mesh(positions, faces)), np.zeros_like(positions)
     for corner in range(3):
         for axis in range(3):
@@ -62,15 +63,16 @@ def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
 class FetchedNormals:
     """A source's normals at the corners of another mesh.
 
-    Each corner takes that of the nearest point that looks the same way; where the surface has an edge there, that of the side
-    which the face is on: of a point that lies a little into the face. nearest: of the source.
+    Each corner takes the normal of the nearest point that faces the same way. At an edge of the surface it takes that of the side
+    which the face is on: of a point a little inside the face. nearest: of the source.
     """
 
     def __init__(self, source: Mesh, nearest: NearestPoints, other: Mesh, threads: int = 1) -> None:
         self._source, self._nearest, self._other, self._threads = source, nearest, other, threads
 
     def of(self, corner_normal: np.ndarray) -> np.ndarray:
-        """Those of the source, float32 [F, 3, 3], at the other's corners, float32 [G, 3, 3], of length 1."""
+        """Return the other mesh's corner normals, float32 [G, 3, 3], of length 1, from the source's corner normals, float32 [F,
+        3, 3]."""
         values = [interpolate_corners(corner_normal, there.face, there.bary) for there in self._places]
         values = [normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12) for normal in values]
         same = (values[0] * values[1]).sum(axis=1) > SAME_SIDE
@@ -78,7 +80,7 @@ class FetchedNormals:
 
     @cached_property
     def _places(self):
-        """Of the corners, and of points a little into their faces."""
+        """Return the places of the corners, and of points a little inside their faces."""
         corners, source = self._other.positions[self._other.faces], self._source
         side, turn = np.repeat(face_normals(corners), 3, axis=0), TURN * 2 * source.frame()[1]
         edge = np.sqrt(np.square(source.positions[source.faces[:, 0]] - source.positions[source.faces[:, 1]]).sum(axis=1).mean())

@@ -1,8 +1,8 @@
-"""Lattice positions that are chosen together: what rounding does to one vertex, its neighbours make good (encoder only).
+"""Lattice positions that are chosen together: neighbours compensate the rounding of a vertex (encoder only).
 
-Among whole positions k, (x(k) - x*)' A (x(k) - x*) is made least by descent: one coordinate after the other goes to the whole
-number that is best while all others stay, until none moves. It starts from the nearest lattice points and can only get better. No
-step turns a face against its normal in the fitted mesh or takes its area away, so no face is turned but by the first rounding.
+Among whole positions k, descent minimises (x(k) - x*)' A (x(k) - x*): one coordinate after the other goes to the best whole
+number while all others stay, until none moves. It starts from the nearest lattice points and can only get better. No step turns a
+face against its normal in the fitted mesh or takes its area away, so only the first rounding can turn a face.
 
 D1 of bball_0001's own connectivity at 12, 11, 10 bits goes from 86.1, 80.0, 74.0 dB to 92.2, 86.3, 80.3, of ycb_scissors' from
 86.0, 80.0, 73.9 to 91.0, 85.0, 78.9, at Draco bytes that are at most 4 and 3 % more at 10 bits, within 2 % at 11 and 12.
@@ -32,11 +32,11 @@ class _Turning(NamedTuple):
 
 
 def joint_lattice(fit: VertexFit, cube: CanonicalCube, start: np.ndarray | None = None) -> np.ndarray:
-    """Lattice positions of the fit's vertices, int64 [V, 3] in 0..2**B - 1. start: int64 [V, 3], where the descent begins; None:
-    at the nearest ones.
+    """Return lattice positions of the fit's vertices, int64 [V, 3] in 0..2**B - 1. start: int64 [V, 3], the start of the descent;
+    None: the nearest lattice points.
 
-    A second descent, from the first one's result and with the matrix that one more round of the fit has there, gains another 0.05
-    to 0.4 dB of D1 for the time of that round.
+    A second descent, from the first result and with the matrix of one more round of the fit there, gains another 0.05 to 0.4 dB
+    of D1 for the time of that round.
     """
     positions, faces = fit.mesh
     start = cube.to_lattice(positions) if start is None else np.ascontiguousarray(start, np.int64)
@@ -54,7 +54,7 @@ def joint_lattice(fit: VertexFit, cube: CanonicalCube, start: np.ndarray | None 
 
 @kernel
 def _descend(first, column, block, turning, start, last, out, pull):
-    """Moves out, int64 [V, 3]. pull: float64 [V, 3], A times the error of out, which is kept."""
+    """Move out, int64 [V, 3]. pull: float64 [V, 3], A times the error of out, which is kept up to date."""
     for _ in range(MOST_ROUNDS):
         moved = 0
         for v in range(out.shape[0]):
@@ -85,8 +85,8 @@ def _descend(first, column, block, turning, start, last, out, pull):
 
 @kernel
 def _sound_faces(turning, lattice, v):
-    """Which of a vertex's faces look the way of their normals, as bits; the 63 first. Coordinates are below 2**20, so that the
-    cross product is exact."""
+    """Return which of a vertex's faces agree with their normals, as bits; the first 63 faces. Coordinates are below 2**20, so
+    that the cross product is exact."""
     bits = np.int64(0)
     begin = turning.first[v]
     for i in range(begin, min(turning.first[v + 1], begin + 63)):

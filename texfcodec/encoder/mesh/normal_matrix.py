@@ -24,11 +24,11 @@ class NormalMatrix:
     block: np.ndarray
 
     def form(self, step: np.ndarray) -> float:
-        """step' A step. step: float64 [V, 3]."""
+        """Return step' A step. step: float64 [V, 3]."""
         return float(np.vdot(step, self @ step))
 
     def __matmul__(self, step: np.ndarray) -> np.ndarray:
-        """A step, float64 [V, 3]. step: float64 [V, 3]."""
+        """Return A step, float64 [V, 3]. step: float64 [V, 3]."""
         out = np.empty((len(self.first) - 1, 3))
         _times(self.first, self.column, self.block, np.ascontiguousarray(step, np.float64), out)
         return out
@@ -46,7 +46,7 @@ class PointResiduals(NamedTuple):
 
 
 class NormalEquations:
-    """Sums up squared residuals of points on faces, and solves for the displacements of the vertices that make them least.
+    """Sum of squared residuals of points on faces; its solution is the displacements of the vertices that minimise it.
 
     faces: int64 [F, 3] below vertices.
     """
@@ -68,8 +68,8 @@ class NormalEquations:
         _add(self._faces, self._slot, *points, along, around, self._block, self._right)
 
     def solve(self, stiffness: float, damping: float) -> tuple[np.ndarray, NormalMatrix]:
-        """(Displacements float64 [V, 3], the matrix that they solve). stiffness: weight of the squared differences of
-        displacements of neighbours, damping: of the displacements, both in units of the mean diagonal."""
+        """Return (displacements float64 [V, 3], the matrix that they solve). stiffness: weight of the squared differences of
+        displacements of neighbours; damping: weight of the displacements; both in units of the mean diagonal."""
         block, own = self._block.copy(), self._own
         scale = float(np.einsum("vii->v", block[own]).mean() / 3) if len(own) else 0.0
         scale = scale if scale > 0 else 1.0
@@ -82,7 +82,8 @@ class NormalEquations:
 
 
 def _conjugate_gradients(matrix, right, inverse):
-    """Solution of matrix x = right, float64 [V, 3], from 0. inverse: float64 [V, 3, 3], of the blocks on the diagonal."""
+    """Return the solution of matrix x = right, float64 [V, 3], from 0. inverse: float64 [V, 3, 3], inverses of the blocks on the
+    diagonal."""
     x, rest = np.zeros_like(right), right.copy()
     ahead = np.einsum("vij,vj->vi", inverse, rest)
     way, energy = ahead.copy(), float(np.vdot(rest, ahead))

@@ -1,8 +1,8 @@
-"""How far a picture is off because what is sent is not where the source is (encoder only).
+"""Error of pictures because the sent surface is not where the source's is (encoder only).
 
-What moves is not so much the texture on the surface, by a small part of a texel, as the surface that is seen: where layers lie
-close to each other another one comes to the front, and flat faces catch the light otherwise. That is hard to reckon and easy to
-look at, so a few pictures are drawn, in light where the asset is lit.
+The visible error comes less from the texture, which moves on the surface by a small part of a texel, than from the surface
+itself: close layers come to the front of each other, and flat faces catch the light otherwise. That is hard to calculate and easy
+to see, so the encoder renders a few pictures, in light if the asset is lit.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ PART_WEIGHT = 0.25  # of a small part's error in that of all: somebody may look 
 
 @dataclass(frozen=True)
 class PictureError:
-    """What moving the surface does to pictures. mse: mean squared error of Y over pixels that show both surfaces, in flat colours
-    or in light, where it is larger; silhouette: pixels that show one of them only, over those of the source; lost: those of them
-    that have no pixel of the other surface around them; of_parts: the same of each small part, looked at alone."""
+    """Error of pictures of a moved surface. mse: mean squared error of Y over pixels that show both surfaces, in flat colours or
+    in light, whichever is larger; silhouette: pixels that show one surface only, over those of the source; lost: the share of
+    these that have no pixel of the other surface around them; of_parts: the same of each small part, seen alone."""
 
     mse: float
     silhouette: float
@@ -51,8 +51,8 @@ class PictureError:
 
     @property
     def error(self) -> float:
-        """Mean squared error of Y, with what is gone or new against its background; that of a small part where it is worse even
-        at the weight of such."""
+        """Mean squared error of Y, with lost and new pixels against the background; that of a small part if it is worse even at
+        its lower weight."""
         own = self.mse + LOST_ERROR * max(self.lost, OUTLINE * self.silhouette)
         return max([own, *(PART_WEIGHT * part.error for part in self.of_parts)])
 
@@ -63,13 +63,13 @@ class PictureError:
 
     @property
     def worst_lost(self) -> float:
-        """The largest share that is lost, of all and of small parts."""
+        """The largest lost share, of the whole and of small parts."""
         return max(part.lost for part in (self, *self.of_parts))
 
 
 class _Shot(NamedTuple):
-    """Cameras that look at all of a scene or at a small part of it. faces: bool [F] of the source's, None for all; seen: the
-    source's pictures by them."""
+    """Cameras that see all of a scene or a small part of it. faces: bool [F] of the source's, None for all; seen: pictures of the
+    source."""
 
     cameras: list[Camera]
     faces: np.ndarray | None
@@ -77,8 +77,8 @@ class _Shot(NamedTuple):
 
 
 class PictureComparison:
-    """Looks at a Scene whose surface has moved; the source itself is drawn once, and small parts of it alone, as large as
-    somebody would look at them. usual: it on its lattice; shown: squared error of pictures by a squared radian of its shading
+    """Comparison of pictures of a Scene with pictures of its moved surface. The source is rendered once, and small parts of it
+    alone, in close-up. usual: the scene on its lattice; shown: squared error of pictures by a squared radian of its shading
     normals."""
 
     def __init__(self, scene: Scene, usual: Surface, shown: float, threads: int) -> None:
@@ -97,8 +97,8 @@ class PictureComparison:
         return _Shot(cameras, faces, self._pictures(self.scene, cameras, faces))
 
     def _pictures(self, scene, cameras, shown, source=None):
-        """In flat colours and, where there is light, in light, of faces that are shown, bool [F], or all. source: of its base
-        colour, where it is not the source's."""
+        """Return pictures in flat colours and, if there is light, in light, of shown faces, bool [F], or all. source: of the base
+        colour, if it is not the source's."""
         lights, source = [None, *([Lighting(scene)] if self.lit else [])], source or self._source
         if shown is not None:
             scene = replace(scene, faces=np.where(shown[:, None], scene.faces, 0))
@@ -110,9 +110,9 @@ class PictureComparison:
         return list(zip(first, *in_order(pictures, cameras[1:], self.threads), strict=True))
 
     def of(self, drawn: Surface, normals: np.ndarray) -> PictureError:
-        """What the source looks like on another surface. drawn: faces of the source where they are now; normals: at their corners
-        by normals_of() that surface, float32 [F, 3, 3]. In pictures the file's normals stay as they are, and how far others turn
-        is added. Halving a distance about halves the error, as the pixels lie along lines."""
+        """Return the PictureError of the source on another surface. drawn: faces of the source in their new places; normals: at
+        their corners by normals_of() that surface, float32 [F, 3, 3]. Pictures keep the file's normals, and the error of the new
+        normals is added. Halving a distance about halves the error, as the pixels lie along lines."""
         faces = np.zeros_like(self.scene.faces)  # of those that are not there no pixel is seen
         faces[drawn.origin_face] = drawn.faces
         scene = replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces)
@@ -120,9 +120,9 @@ class PictureComparison:
 
     def of_mesh(self, scene: Scene, surface: Surface, normals: np.ndarray, wanted: np.ndarray | None,
                 rows: np.ndarray) -> PictureError:
-        """What a Scene with the source's materials and textures, but faces, UVs and normals of its own, looks like. surface: it
-        on its lattice; normals: at its corners by normals_of(surface); wanted: what they should be, both float32 [F, 3, 3];
-        rows: int64 [F], the source's face of each."""
+        """Return the PictureError of a Scene with the source's materials and textures, but faces, UVs and normals of its own.
+        surface: the scene on its lattice; normals: at its corners by normals_of(surface); wanted: the correct ones, both float32
+        [F, 3, 3]; rows: int64 [F], source face of each face."""
         scene = replace(scene, materials=self.scene.materials)
         source = self._source._replace(face_material=np.ascontiguousarray(scene.face_material, np.int64),
                                        corner_uv=np.ascontiguousarray(scene.corner_uv, np.float64))
@@ -133,27 +133,27 @@ class PictureComparison:
         return self._moved(pictures, surface, normals, wanted)
 
     def _moved(self, pictures, surface, normals, wanted):
-        """What pictures have against the source's, the worst shot counting, and normals of a Surface against what is wanted, None
-        where nothing is. pictures: makes those of a _Shot."""
+        """Return the PictureError of pictures and of a Surface's normals. pictures: function that renders a _Shot; wanted:
+        correct normals, None without any."""
         whole, *parts = (_compared(shot.seen, pictures(shot)) for shot in self._shots)
         turned = self.shown * _turned(surface, normals, wanted) if wanted is not None else 0.0
         return replace(whole, mse=whole.mse + turned, of_parts=tuple(parts))
 
     def normals_of(self, surface: Surface) -> np.ndarray:
-        """Normals that follow from a surface's positions, float32 [F, 3, 3]: flat where the source's are, else smooth."""
+        """Return normals that follow from a surface's positions, float32 [F, 3, 3]: flat if the source's are, else smooth."""
         return corner_normals(surface.lattice, surface.faces, [FLAT if self.is_flat else SMOOTH])
 
     @cached_property
     def is_flat(self) -> bool:
-        """Whether the file's normals are rather those of its faces than smooth ones."""
+        """Whether the file's normals are closer to face normals than to smooth ones."""
         if self.scene.corner_normal is None:
             return False
         apart = [np.square(self._of_source(rule) - self.scene.corner_normal).sum() for rule in (FLAT, SMOOTH)]
         return bool(apart[0] < apart[1])
 
     def _normals_at(self, drawn):
-        """Normals that follow from the source's positions, at the corners of its faces on another surface, float64 [F, 3, 3];
-        None where the file has no normals or no material is lit."""
+        """Return normals that follow from the source's positions, at the corners of its faces on another surface, float64 [F, 3,
+        3]; None if the file has no normals or no material is lit."""
         return None if self.scene.corner_normal is None or not self.lit else self.normals[drawn.origin_face]
 
     @cached_property
@@ -167,21 +167,21 @@ class PictureComparison:
 
 
 def _of_source(surface, part, count):
-    """Faces of the source, bool [count], that a part of a Surface is what is left of. part: bool [F]."""
+    """Return the source's faces that a part of a Surface comes from, bool [count]. part: bool [F]."""
     shown = np.zeros(count, bool)
     shown[surface.origin_face[part]] = True
     return shown
 
 
 def _compared(seen, pictures):
-    """PictureError of pairs of pictures, without normals."""
+    """Return the PictureError of pairs of pictures, without normals."""
     silhouette, lost, shown = np.sum([_uncovered(a, b) for a, b in zip(seen[0], pictures[0], strict=True)], axis=0)
     mse = max(_mse(*pair) for pair in zip(seen, pictures, strict=True))
     return PictureError(mse, silhouette / max(shown, 1), lost / max(shown, 1))
 
 
 def _turned(surface, normals, wanted):
-    """Mean square, over a surface, of the angles in radians between normals and others, float [F, 3, 3]."""
+    """Return the mean square, over a surface, of the angles in radians between normals and others, float [F, 3, 3]."""
     apart = np.linalg.norm(wanted - normals.astype(np.float64), axis=2)
     angle = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
     area = relative_areas(surface.cube.to_world(surface.lattice), surface.faces)
@@ -189,7 +189,8 @@ def _turned(surface, normals, wanted):
 
 
 def _uncovered(picture, other):
-    """Pixels that one of two Pictures covers and the other does not, those of them that are alone, and pixels of the first."""
+    """Return numbers of pixels: those that one of two Pictures covers and the other does not, those of them that are alone, and
+    those of the first."""
     a, b = (np.zeros((drawn.height, drawn.width), bool) for drawn in (picture, other))
     for covered, drawn in ((a, picture), (b, other)):
         covered.ravel()[drawn.pixel] = True
@@ -198,7 +199,7 @@ def _uncovered(picture, other):
 
 
 def _grown(covered):
-    """Pixels that are covered or have a neighbour that is, of eight: bool [H, W], as it comes."""
+    """Return pixels that are covered or have a covered neighbour, of eight: bool [H, W]."""
     rows = np.pad(covered, 1)
     rows = rows[:-2] | rows[1:-1] | rows[2:]
     return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]

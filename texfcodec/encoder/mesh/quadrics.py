@@ -11,8 +11,8 @@ POINT_WEIGHT = 1e-5  # of the distance to the vertex itself: flat parts keep rou
 
 
 def vertex_quadrics(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray) -> np.ndarray:
-    """Quadrics of the vertices, float64 [V, 10]: xx, xy, xz, yy, yz, zz, x, y, z, 1. positions: float64 [V, 3] in -1..1; faces:
-    int64 [F, 3]; marked: bool [F, 3], the sides that are lines."""
+    """Return quadrics of the vertices, float64 [V, 10]: xx, xy, xz, yy, yz, zz, x, y, z, 1. positions: float64 [V, 3] in -1..1;
+    faces: int64 [F, 3]; marked: bool [F, 3], the sides that are lines."""
     out = np.zeros((len(positions), 10))
     _fill(positions, faces, marked, out)
     return out
@@ -20,7 +20,7 @@ def vertex_quadrics(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray
 
 @kernel
 def _add_plane(q, n0, n1, n2, p, weight):
-    """The plane through p with the normal (n0, n1, n2) of length 1."""
+    """Add the plane through p with the normal (n0, n1, n2) of length 1."""
     d = -(n0 * p[0] + n1 * p[1] + n2 * p[2])
     q[0] += weight * n0 * n0
     q[1] += weight * n0 * n1
@@ -81,8 +81,9 @@ def _error_at(q, x, y, z):
 
 @kernel
 def _least_place(q, p, r, place):
-    """Fills place with where the quadric is least: the solution of its three equations, unless these are close to singular or it
-    is farther from the edge's middle than the edge is long; then an end or the middle, whichever is best. Returns the error."""
+    """Fill place with the minimum of the quadric and return its error. The minimum solves its three equations; if these are close
+    to singular, or the solution is farther from the edge's middle than the edge is long, it is the best of both ends and the
+    middle."""
     c00, c01, c02 = q[3] * q[5] - q[4] * q[4], q[2] * q[4] - q[1] * q[5], q[1] * q[4] - q[2] * q[3]
     whole = q[0] * c00 + q[1] * c01 + q[2] * c02
     trace = q[0] + q[3] + q[5]

@@ -1,8 +1,8 @@
 """Simplification by edge collapses in the order of their quadric error (encoder only).
 
 One run gives the whole sequence, and any number of faces is a prefix of it. A collapse is done only if it keeps the topology (the
-link condition), turns no face by more than some 80 degrees, and keeps lines: borders and the edges that the caller names (seams,
-sharp edges) may be thinned out along themselves, never left, joined or crossed.
+link condition), turns no face by more than some 80 degrees, and keeps lines. Lines are borders and the edges that the caller
+names (seams, sharp edges): collapses may thin them out along themselves, but never leave, join or cross them.
 
 D1 in dB (peak: the longest side) at 50, 35, 25 % of the faces of bball_0001: 85.0, 79.3, 75.6; pyfqmr 81.9, 76.9, 73.6,
 fast-simplification the same, meshoptimizer 80.6, 75.2, 71.8. Of ycb_scissors: 82.8, 77.6, 74.0; 82.3, 77.3, 73.7; 78.8, 73.2,
@@ -24,9 +24,9 @@ from .topology import FIXED, line_edges, undirected, vertex_kinds
 
 @dataclass(frozen=True, kw_only=True)
 class SimplifiedMesh:
-    """mesh; face: int64 [F], the number that each face has in the source, so that its material and chart are known; vertex: int64
-    [V], the number that each vertex has there, ascending; lines: int64 [L, 2], the edges of the mesh that are lines; joined:
-    int64 [W], the vertex of the source that each of these is now, one of `vertex` unless no face has it any more."""
+    """mesh; face: int64 [F], number of each face in the source, which gives its material and chart; vertex: int64 [V], number of
+    each vertex there, ascending; lines: int64 [L, 2], edges of the mesh that are lines; joined: int64 [W], the vertex of the
+    source that each source vertex has been joined to, one of `vertex` unless no face has it any more."""
 
     mesh: Mesh
     face: np.ndarray
@@ -35,7 +35,7 @@ class SimplifiedMesh:
     joined: np.ndarray
 
     def edges(self, lines: np.ndarray) -> np.ndarray:
-        """What some edges of the source that are lines have become, int64 [L, 2]."""
+        """Return the edges, int64 [L, 2], that some lines of the source have become."""
         lines = np.searchsorted(self.vertex, self.joined[lines])
         return np.unique(np.sort(lines[lines[:, 0] != lines[:, 1]], axis=1), axis=0)
 
@@ -59,12 +59,12 @@ class Simplification:
 
     @property
     def fewest(self) -> int:
-        """The least number of faces that can be had."""
+        """The least number of faces that the sequence reaches."""
         return int(self.remaining[-1]) if len(self.remaining) else int((self.last >= 0).sum())
 
     def at(self, count: int) -> SimplifiedMesh:
-        """The mesh after the first collapses that leave at most `count` faces, or as few as there can be. Vertices without faces
-        are left out."""
+        """Return the mesh after the first collapses that leave at most `count` faces, or as few as possible. It has no vertices
+        without faces."""
         done = min(int(np.searchsorted(-self.remaining, -count, "left")) + 1, len(self.remaining))
         if count >= (self.last >= 0).sum():
             done = 0
@@ -82,11 +82,11 @@ class Simplification:
 
 
 def simplify(source: Mesh, lines: np.ndarray | None = None, fixed: np.ndarray | None = None) -> Simplification:
-    """Collapses edges of a mesh until none is left that may go.
+    """Collapse edges of a mesh until no allowed edge is left.
 
-    lines: int64 [L, 2], edges that are kept as lines beside the borders (see seams.py); fixed: bool [V], vertices that stay where
-    they are. Vertices are joined by their numbers alone: equal positions have to be welded before. Ends and crossings of lines,
-    edges of more than two faces and vertices at which fans of faces meet stay. Faces with two equal corners are left out.
+    lines: int64 [L, 2], edges that are kept as lines beside the borders (see crease_edges.py); fixed: bool [V], vertices that
+    stay in place. Only vertex numbers connect faces: equal positions have to be welded before. Ends and crossings of lines, edges
+    of more than two faces and vertices at which fans of faces meet stay. Faces with two equal corners are left out.
 
     Raises ValueError for positions that are not finite and indices out of range.
     """

@@ -1,6 +1,6 @@
-"""Third stage: the mesh that is sent, and with it the supports that cost least (encoder only).
+"""Third stage: the sent mesh, and with it the supports that cost least (encoder only).
 
-Faces of two fields stay apart when the mesh is simplified, so the partition is chosen here as well, for each candidate.
+Simplification keeps faces of two fields apart, so the partition is chosen here as well, for each candidate.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def mesh(supported: Supported, request: MeshRequest, caches: Caches, report: Rep
 
 
 def _meshed(supported: Supported, candidate: Decision[Supports], request: MeshRequest, caches: Caches, report: Report) -> Meshed:
-    """The Meshed of one candidate."""
+    """Return the Meshed of one candidate."""
     prepared, supports = supported.prepared, candidate.value
     scene, reference = prepared.scene, prepared.surface
     price = replace(supported.price, resolution=supports.resolution, values=supports.values)
@@ -62,8 +62,8 @@ def _meshed(supported: Supported, candidate: Decision[Supports], request: MeshRe
 
 def _partitioned(prepared: Prepared, surface: Surface, plans: list[TexelPlan], trials: Trials, partition: str,
                  step: Step) -> tuple[Scene, Decision[PartFields]]:
-    """(the scene without detail that no voxel shows, PartFields on the surface; -1 for faces of TexelPlans, which get a field
-    each)."""
+    """Return (the scene without detail that no voxel shows, PartFields on the surface). The fields are -1 for faces of
+    TexelPlans, each of which gets a field of its own."""
     scene, price = prepared.scene, trials.price
     over_texels = np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(plan.group.faces for plan in plans)]))
     if price.coder is not None:  # a joint codec reads the source itself, at points

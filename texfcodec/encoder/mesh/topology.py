@@ -1,4 +1,4 @@
-"""Which edges of a mesh are lines and which vertices may move, before any collapse (encoder only)."""
+"""Edges of a mesh that are lines, and vertices that may move, before any collapse (encoder only)."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ FREE, ON_LINE, FIXED = 0, 1, 2  # what a vertex may do: move, move along its lin
 
 
 def undirected(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Edges of faces without equal corners: (ends int64 [E, 2], the lower first; edge of every side int64 [F, 3], from corner i
-    to the next; number of faces at each edge int64 [E])."""
+    """Return edges of faces without equal corners: (ends int64 [E, 2], the lower first; edge of every side int64 [F, 3], from
+    corner i to the next; number of faces at each edge int64 [E])."""
     after, size = np.roll(faces, -1, axis=1), int(faces.max(initial=0)) + 1
     sides = np.minimum(faces, after) * size + np.maximum(faces, after)
     code, edge, count = distinct(sides)
@@ -20,7 +20,7 @@ def undirected(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def side_pairs(edge: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The sides 3 f + i at each edge of two faces: (int64 [P, 2], edges int64 [P]). edge, count: of undirected()."""
+    """Return the sides 3 f + i at each edge of two faces: (int64 [P, 2], edges int64 [P]). edge, count: of undirected()."""
     sides = np.argsort(edge, axis=None, kind="stable")
     two = np.flatnonzero(count == 2)
     first = np.cumsum(count)[two] - 2
@@ -28,8 +28,8 @@ def side_pairs(edge: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def turned_faces(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Faces that look the other way than all three around them, none of which does, bool [F]: a fault of scans. positions:
-    float64 [V, 3]."""
+    """Return faces that point the opposite way to all three around them, if none of these does so itself, bool [F]: a fault of
+    scans. positions: float64 [V, 3]."""
     _, edge, count = undirected(faces)
     beside = side_pairs(edge, count)[0] // 3
     normals = scaled_normals(positions, faces)
@@ -39,20 +39,20 @@ def turned_faces(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def scaled_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Normals of faces, float64 [F, 3], of lengths that neither overflow nor vanish; 0 where there is no area."""
+    """Return normals of faces, float64 [F, 3], of lengths that neither overflow nor vanish; 0 if there is no area."""
     u, v = (positions[faces[:, k]] - positions[faces[:, 0]] for k in (1, 2))
     scale = np.abs(np.concatenate([u, v], axis=1)).max(axis=1, initial=0)[:, None]
     return np.cross(*(side / np.where(scale > 0, scale, 1.0) for side in (u, v)))
 
 
 def line_edges(faces: np.ndarray, lines: np.ndarray | None) -> np.ndarray:
-    """Edges that are borders, have more than two faces, or are named, bool [E] over undirected(). lines: int64 [L, 2]."""
+    """Return edges that are borders, have more than two faces, or are named, bool [E] over undirected(). lines: int64 [L, 2]."""
     line = undirected(faces)[2] != 2
     return line if lines is None else line | named_edges(faces, lines)
 
 
 def named_edges(faces: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Edges that lines, int64 [L, 2], name by their ends, bool [E] over undirected()."""
+    """Return edges that are named in lines, int64 [L, 2], by their ends, bool [E] over undirected()."""
     ends, named = undirected(faces)[0], np.sort(np.asarray(lines, np.int64).reshape(-1, 2), axis=1)
     size = max(int(faces.max(initial=0)), int(named.max(initial=0))) + 1
     edges, wanted = ends[:, 0] * size + ends[:, 1], named[:, 0] * size + named[:, 1]
@@ -62,7 +62,7 @@ def named_edges(faces: np.ndarray, lines: np.ndarray) -> np.ndarray:
 
 
 def line_sides(faces: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A face at each line that is an edge: (face int64 [L], its two corners on the line int64 [L, 2])."""
+    """Return a face at each line that is an edge: (face int64 [L], its two corners on the line int64 [L, 2])."""
     edge = undirected(faces)[1].ravel()
     sides = np.flatnonzero(named_edges(faces, lines)[edge])
     first = sides[np.unique(edge[sides], return_index=True)[1]]
@@ -70,8 +70,8 @@ def line_sides(faces: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def vertex_kinds(faces: np.ndarray, line: np.ndarray, vertices: int) -> np.ndarray:
-    """FREE, ON_LINE for vertices of two line edges, FIXED for ends and crossings of lines and where the mesh is no manifold:
-    int64 [V]. line: of line_edges()."""
+    """Return the kinds of vertices, int64 [V]: FREE, ON_LINE for vertices of two line edges, FIXED for ends and crossings of
+    lines and for vertices at which the mesh is no manifold. line: of line_edges()."""
     ends, edge, count = undirected(faces)
     degree = np.bincount(ends[line].ravel(), minlength=vertices)
     kind = np.where(degree == 0, FREE, np.where(degree == 2, ON_LINE, FIXED))
@@ -81,8 +81,8 @@ def vertex_kinds(faces: np.ndarray, line: np.ndarray, vertices: int) -> np.ndarr
 
 
 def wedges(faces: np.ndarray, seams: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(The wedge of every corner, int64 [F, 3]: corners at one vertex that hang together by edges which are no seams; the chart
-    of every face, int64 [F]). seams: int64 [L, 2]."""
+    """Return (the wedge of every corner, int64 [F, 3]: corners at one vertex that are connected by edges which are no seams; the
+    chart of every face, int64 [F]). seams: int64 [L, 2]."""
     _, edge, count = undirected(faces)
     pairs, edges = side_pairs(edge, count)
     pairs = pairs[~named_edges(faces, seams)[edges]]
@@ -90,14 +90,14 @@ def wedges(faces: np.ndarray, seams: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _several_fans(faces, edge, count, vertices):
-    """Vertices whose faces do not all hang together by edges, bool [V]."""
+    """Return vertices whose faces are not all connected by edges, bool [V]."""
     fans = joined(_corner_links(faces, side_pairs(edge, count)[0]), faces.size)
     first = np.diff(np.maximum.accumulate(fans), prepend=-1) > 0  # corner of each fan
     return np.bincount(faces.ravel()[first], minlength=vertices) > 1
 
 
 def _corner_links(faces, pairs):
-    """Corners 3 f + i at the two ends of edges, in both faces: int64 [2 P, 2]. pairs: sides of each, int64 [P, 2]."""
+    """Return corners 3 f + i at the two ends of edges, in both faces: int64 [2 P, 2]. pairs: sides of each, int64 [P, 2]."""
     corner = np.arange(faces.size).reshape(-1, 3)
     after = np.roll(corner, -1, axis=1).ravel()
     links = []

@@ -37,8 +37,8 @@ SIDES = ((0.5, 0.5, 0.0), (0.0, 0.5, 0.5), (0.5, 0.0, 0.5))  # their middles: a 
 
 @dataclass(frozen=True)
 class VertexFit:
-    """mesh: the fitted one; matrix: how the squared error, over the area, grows around its positions x*: by (x - x*)' A (x - x*)
-    in units of half the source's longest side."""
+    """mesh: the fitted one; matrix: A in the squared error (x - x*)' A (x - x*) over the area around its positions x*, in units
+    of half the source's longest side."""
 
     mesh: Mesh
     matrix: NormalMatrix
@@ -90,7 +90,7 @@ def fit_vertices(source: Mesh, mesh: Mesh, lines: MatchedLines | None = None, sa
 
 
 def own_fit(mesh: Mesh) -> VertexFit:
-    """The fit of a mesh to itself: its own positions, and the matrix in closed form."""
+    """Return the fit of a mesh to itself: its own positions, and the matrix in closed form."""
     mesh = mesh.checked()
     middle, half = mesh.frame()
     equations = NormalEquations(mesh.faces, len(mesh.positions))
@@ -99,8 +99,8 @@ def own_fit(mesh: Mesh) -> VertexFit:
 
 
 def _unturned(mesh, moved, normals):
-    """Shares of the displacements, float64 [V], at which no face turns against its normal before the fit: halves where one would,
-    until it does not, and nothing in the end."""
+    """Return shares of the displacements, float64 [V], at which no face turns against its normal before the fit: they are halved
+    until no face turns, and 0 if that does not help."""
     share = np.ones(len(moved))
     for _ in range(HALVINGS):
         later = area_normals(Mesh(mesh.positions + share[:, None] * moved, mesh.faces))
@@ -112,12 +112,12 @@ def _unturned(mesh, moved, normals):
 
 
 def area_normals(mesh: Mesh) -> np.ndarray:
-    """Twice the areas of the faces along their normals, float64 [F, 3]."""
+    """Return face normals with a length of twice the area, float64 [F, 3]."""
     return np.cross(*(mesh.positions[mesh.faces[:, k]] - mesh.positions[mesh.faces[:, 0]] for k in (1, 2)))
 
 
 def _add_own(equations, mesh, weight):
-    """Adds the mesh's distance to itself as it is."""
+    """Add the mesh's distance to its own present surface."""
     cross = area_normals(mesh)
     length = np.linalg.norm(cross, axis=1)
     normals, face = cross / np.where(length > 0, length, 1.0)[:, None], np.arange(len(mesh.faces))
@@ -145,8 +145,8 @@ def _add_surfaces(equations, mesh, sampled, seed, threads):
 
 
 def _add_lines(equations, moving, source, spacing):
-    """Adds points of both meshes' lines, each with the nearest of the other that runs the same way. moving, source: (mesh,
-    lines); spacing: the mean side of a face, by which a length becomes an area."""
+    """Add points of both meshes' lines, each with the nearest point of the other mesh on a line of the same direction. moving,
+    source: (mesh, lines); spacing: the mean side of a face, by which a length becomes an area."""
     face, corners = line_sides(moving[0].faces, moving[1])
     if not len(face) or not len(source[1]):
         return
@@ -166,20 +166,20 @@ def _add_lines(equations, moving, source, spacing):
 
 
 def _as_faces(mesh, lines):
-    """Lines as faces with two equal corners, which NearestPoints takes as well."""
+    """Return lines as faces with two equal corners, which NearestPoints accepts as well."""
     return Mesh(mesh.positions, lines[:, [0, 1, 1]])
 
 
 def _ways(lines):
-    """Unit vectors along lines, float64 [L, 3]."""
+    """Return unit vectors along lines, float64 [L, 3]."""
     way = np.diff(lines.positions[lines.faces[:, :2]], axis=1)[:, 0]
     length = np.linalg.norm(way, axis=1, keepdims=True)
     return way / np.where(length > 0, length, 1.0)
 
 
 def _line_points(lines):
-    """LINE_POINTS on every line: (points float64 [M, 3], line int64 [M], share of the way along it float64 [M], length that each
-    stands for float64 [M])."""
+    """Return LINE_POINTS on every line: (points float64 [M, 3], line int64 [M], share of the way along it float64 [M], length
+    that each point stands for float64 [M])."""
     line = np.repeat(np.arange(len(lines.faces)), LINE_POINTS)
     share = np.tile((np.arange(LINE_POINTS) + 0.5) / LINE_POINTS, len(lines.faces))
     length = np.linalg.norm(np.diff(lines.positions[lines.faces[:, :2]], axis=1)[:, 0], axis=1) / LINE_POINTS

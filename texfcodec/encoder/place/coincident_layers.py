@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def _numbered(columns):
-    """Number of every row among the distinct ones, int64 [N]. columns: list of arrays [N]."""
+    """Return the number of every row among the distinct ones, int64 [N]. columns: list of arrays [N]."""
     order = np.lexsort(columns)
     new = np.zeros(len(order), np.int64)
     for column in columns:
@@ -29,8 +29,8 @@ def _numbered(columns):
 
 
 def corner_appearance(scene: Scene, picked: np.ndarray) -> np.ndarray:
-    """Number of the material, UV and colour of every corner, int64 [n, 3]; equal ones have equal numbers. picked: int64 [n] into
-    the scene's faces. UVs count where there is a texture."""
+    """Return the number of the material, UV and colour of every corner, int64 [n, 3]; equal ones have equal numbers. picked:
+    int64 [n] into the scene's faces. UVs count if there is a texture."""
     material = scene.face_material[picked]
     textured = np.array([m.texture >= 0 for m in scene.materials], bool)[material]
     columns = [np.repeat(material, 3), *np.where(textured[:, None, None], scene.corner_uv[picked], 0).reshape(-1, 2).T]
@@ -40,14 +40,14 @@ def corner_appearance(scene: Scene, picked: np.ndarray) -> np.ndarray:
 
 
 def _coincident(faces):
-    """Number of the set of corners of every face, int64 [F], and whether another face has it as well, bool [F]."""
+    """Return (number of the set of corners of every face, int64 [F]; whether another face has the same set, bool [F])."""
     number = _numbered(list(np.sort(faces, axis=1).T))
     return number, (np.bincount(number) > 1)[number]
 
 
 def layered_components(faces: np.ndarray, component: np.ndarray, material: np.ndarray, materials: list[Material]) -> np.ndarray:
-    """Components that may hold layers, bool by component: those with coincident faces, and those in which materials meet of
-    which one at least is not opaque. faces: int64 [F, 3] over welded vertices; component, material: int64 [F]."""
+    """Return components that may hold layers, bool by component: those with coincident faces, and those in which materials meet
+    of which at least one is not opaque. faces: int64 [F, 3] over welded vertices; component, material: int64 [F]."""
     count = int(component.max()) + 1
     out = np.bincount(component, _coincident(faces)[1], count) > MIN_FOLD * np.bincount(component, minlength=count)
     clear = np.array([m.alpha_mode != ALPHA_OPAQUE for m in materials], bool)[material]
@@ -60,8 +60,8 @@ def layered_components(faces: np.ndarray, component: np.ndarray, material: np.nd
 
 
 def _joined(faces, appearance, material):
-    """Number of the layer of every face, int64 [n]: faces are of one layer across an edge where they look alike at both its ends,
-    or are the only two of their material there and run along it in opposite directions."""
+    """Return the number of the layer of every face, int64 [n]. Faces share a layer across an edge if they look alike at both its
+    ends, or are the only two of their material there and run along it in opposite directions."""
     count, after = len(faces), [1, 2, 0]
     ends = np.stack([faces, faces[:, after]], -1).reshape(-1, 2)
     shown = np.stack([appearance, appearance[:, after]], -1).reshape(-1, 2)
@@ -78,8 +78,8 @@ def _joined(faces, appearance, material):
 
 
 def part_layers(scene: Scene, surface: Surface, component: np.ndarray) -> np.ndarray | None:
-    """Component of every face once layers are parted, int64 [F]; None where there are none to part. component: int64 [F], from
-    face_components of the Surface."""
+    """Return the component of every face once layers are parted, int64 [F]; None if there are no layers to part. component: int64
+    [F], from face_components of the Surface."""
     layered = layered_components(surface.faces, component, surface.material, scene.materials)
     rows = np.flatnonzero(layered[component])
     if not len(rows):

@@ -24,8 +24,8 @@ NEAR, FAR = 3, 2 * MAX_FIELDS  # a piece meets so many of those after it in a ce
 
 @dataclass
 class Contacts:
-    """What meets where. component: int64 [F]; direction: int64 [F], 0..5 for +x -x +y -y +z -z; cell, label: parallel int64
-    arrays, ascending by cell, one entry per cell and label = component * 6 + direction."""
+    """Which labels meet in which cells. component: int64 [F]; direction: int64 [F], 0..5 for +x -x +y -y +z -z; cell, label:
+    parallel int64 arrays, ascending by cell, one entry per cell and label = component * 6 + direction."""
 
     component: np.ndarray
     direction: np.ndarray
@@ -34,7 +34,7 @@ class Contacts:
 
 
 def face_directions(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Dominant direction of every face's normal, int64 [F] in 0..5 (+x -x +y -y +z -z)."""
+    """Return the dominant direction of every face's normal, int64 [F] in 0..5 (+x -x +y -y +z -z)."""
     p = lattice[faces].astype(np.float64)
     normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     axis = np.argmax(np.abs(normal), axis=1)
@@ -60,11 +60,12 @@ def _pair_slot(key, label, keys, labels):
 
 @kernel(allocates=True)
 def _cells(corners, faces, face_label, resolution, walk):
-    """Every (cell, label) that the samples fall into, int64 [2, n], ascending by label; faces are so as well. One array, because
-    numba lets an interrupt through between two, and crashes on it.
+    """Return every (cell, label) that the samples fall into, int64 [2, n], ascending by label, as the faces are. It is a single
+    array, because numba lets an interrupt through between two, and crashes on it.
 
-    The table holds the cells of one label at a time, so that it stays as small as they are few: a slot is taken where it has the
-    number of the table, which is new for every label and whenever the table doubles."""
+    The table holds the cells of one label at a time, which keeps it small: a slot is in use if it has the number of the table,
+    which is new for every label and whenever the table doubles.
+    """
     start, half, state = walk.start, walk.half_step, walk.state
     keys, taken = np.zeros(FIRST_TABLE, np.int64), np.zeros(FIRST_TABLE, np.int64)
     entries, mask, table = np.empty((2, FIRST_TABLE), np.int64), FIRST_TABLE - 1, 0
@@ -106,8 +107,8 @@ def _cells(corners, faces, face_label, resolution, walk):
 
 def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
                   component: np.ndarray | None = None) -> Contacts:
-    """Contacts of a surface on a grid of resolution K. lattice: int64 [V, 3]; faces: int64 [F, 3] over welded vertices;
-    component: int64 [F], of face_components where it is None."""
+    """Return the Contacts of a surface on a grid of resolution K. lattice: int64 [V, 3]; faces: int64 [F, 3] over welded
+    vertices; component: int64 [F], of face_components if it is None."""
     component = face_components(faces) if component is None else component
     direction = face_directions(lattice, faces)
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
@@ -120,8 +121,8 @@ def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, re
 
 @kernel(allocates=True)
 def _count_folds(cell, label, components):
-    """int64 [2, components]: cells of every component, and those with faces of opposite direction. Entries ascend by cell and
-    label."""
+    """Return int64 [2, components]: cells of every component, and those with faces of opposite direction. Entries ascend by cell
+    and label."""
     counts, mask = np.zeros((2, components), np.int64), 0
     for i in range(len(cell)):
         component = label[i] // 6
@@ -134,14 +135,15 @@ def _count_folds(cell, label, components):
 
 
 def folding_components(contacts: Contacts) -> np.ndarray:
-    """Components in which faces of opposite direction share more than MIN_FOLD of the cells: ascending int64 array."""
+    """Return components in which faces of opposite direction share more than MIN_FOLD of the cells, as an ascending int64
+    array."""
     cells, folded = _count_folds(contacts.cell, contacts.label, int(contacts.component.max()) + 1)
     return np.flatnonzero(folded > MIN_FOLD * np.maximum(cells, 1))
 
 
 def pieces_of(contacts: Contacts, split: np.ndarray | Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """Piece of every face and of every contact label: (int64 [F], int64 [labels]); the components in `split` are cut by the sign
-    of the direction. Pieces are numbered 2 * component + sign."""
+    """Return the piece of every face and of every contact label: (int64 [F], int64 [labels]); the components in `split` are cut
+    by the sign of the direction. Pieces are numbered 2 * component + sign."""
     cut = np.zeros(int(contacts.component.max()) + 1, np.int64)
     cut[list(split)] = 1
     face_piece = 2 * contacts.component + (contacts.direction & 1) * cut[contacts.component]
@@ -151,8 +153,8 @@ def pieces_of(contacts: Contacts, split: np.ndarray | Sequence[int] = ()) -> tup
 
 @kernel(allocates=True)
 def _pieces_by_cell(cell, piece):
-    """The distinct (cell, piece), int64 [2, n], ascending. Entries ascend by cell and component, and a component has at most two
-    pieces, so that each is looked for among the last two and comes before one of them at most."""
+    """Return the distinct (cell, piece), int64 [2, n], ascending. Entries ascend by cell and component, and a component has at
+    most two pieces, so each is searched among the last two and comes before at most one of them."""
     count = 0
     pairs = np.empty((2, len(cell)), np.int64)
     for i in range(len(cell)):
@@ -169,8 +171,8 @@ def _pieces_by_cell(cell, piece):
 
 @kernel(allocates=True)
 def _count_pairs(cell, piece, gaps):
-    """Pairs of pieces at most `gaps` entries apart in one cell, and in how many cells: int64 [3, n]. The tables double as
-    needed."""
+    """Return pairs of pieces at most `gaps` entries apart in one cell, and the number of such cells: int64 [3, n]. The tables
+    double as needed."""
     keys, counts, used = np.full(FIRST_TABLE, -1, np.int64), np.zeros((2, FIRST_TABLE), np.int64), 0
     for i in range(len(cell)):
         for j in range(i + 1, min(i + gaps + 1, len(cell))):
@@ -196,8 +198,8 @@ def _count_pairs(cell, piece, gaps):
 
 
 def _meetings(cell, piece):
-    """Pairs of pieces that meet and in how many cells, int64 [3, n] in no order, and the cells per piece. cell, piece: by entry
-    of Contacts."""
+    """Return (pairs of pieces that meet and the number of cells, int64 [3, n] in no order; the cells per piece). cell, piece: by
+    entry of Contacts."""
     cell, piece = _pieces_by_cell(cell, piece)
     crowded = _distinct(cell[NEAR + 1:][cell[NEAR + 1:] == cell[: -NEAR - 1]]) > MIN_CROWD * _distinct(cell)
     # A few crowded cells matter not: their pieces meet in others as well.
@@ -205,14 +207,14 @@ def _meetings(cell, piece):
 
 
 def _distinct(ascending):
-    """How many different values an ascending array has."""
+    """Return the number of different values in an ascending array."""
     return int((ascending[1:] != ascending[:-1]).sum()) + (len(ascending) > 0)
 
 
 @kernel(allocates=True)
 def _greedy(order, starts, others, cells, most):
-    """Colour of every piece, int64 [P] below `most`: in this order, the one that shares the fewest cells with pieces before it.
-    starts: int64 [P + 1] into others and cells, the pieces that each meets and in how many cells."""
+    """Return the colour of every piece, int64 [P] below `most`: in this order, the colour that shares the fewest cells with
+    pieces before it. starts: int64 [P + 1] into others and cells, the pieces that each meets and the number of shared cells."""
     colour, load = np.full(len(order), -1, np.int64), np.zeros(most, np.int64)
     for piece in order:
         load[:] = 0
@@ -224,8 +226,8 @@ def _greedy(order, starts, others, cells, most):
 
 
 def colour_pieces(contacts: Contacts, split: np.ndarray | Sequence[int] = (), most: int = MAX_FIELDS) -> np.ndarray:
-    """Field of every face, int64 [F] numbered from 0 without gaps, at most so many: greedy colouring of the pieces, larger ones
-    first."""
+    """Return the field of every face, int64 [F] numbered from 0 without gaps, at most `most`: greedy colouring of the pieces,
+    larger ones first."""
     face_piece, label_piece = pieces_of(contacts, split)
     (a, b, count), sizes = _meetings(contacts.cell, label_piece)
     meets = count > np.maximum(MIN_CONTACT * np.minimum(sizes[a], sizes[b]), 1)

@@ -1,4 +1,4 @@
-"""The geometry units of a stream, and what they decode to (encoder only)."""
+"""The geometry units of a stream, and their decoded form (encoder only)."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ if TYPE_CHECKING:
 
 
 def geometry_bytes(geometry: list[dict]) -> int:
-    """Bytes of Draco in geometry units. geometry: their syntax values."""
+    """Return the Draco bytes of geometry units. geometry: their syntax values."""
     return sum(len(unit["draco_data"]) for unit in geometry)
 
 
 def code_geometry(surface: Surface, face_field: np.ndarray, plans: dict[int, TexelPlan],
                   step: Step = no_step) -> tuple[list[dict], list[GeometryUnit]]:
-    """One Draco unit per field and material: (syntax values, decoded GeometryUnits). plans: TexelPlan by field number."""
+    """Code one Draco unit per field and material. Return (syntax values, decoded GeometryUnits). plans: TexelPlan by field
+    number."""
     values, units = [], []
     corner_uv = {number: plan.corner_uv() for number, plan in plans.items()}
     groups = face_field * (int(surface.material.max(initial=0)) + 1) + surface.material
@@ -45,7 +46,7 @@ def code_geometry(surface: Surface, face_field: np.ndarray, plans: dict[int, Tex
 
 
 def _code_plain(surface, rows, _):
-    """Syntax values of a unit of positions, and what it decodes to: (lattice, faces)."""
+    """Return (syntax values of a unit of positions, its decoded (lattice, faces))."""
     bits = surface.cube.position_bits
     used, local = used_vertices(surface.faces[rows], len(surface.lattice))
     data = enc_geometry(surface.lattice[used], local, bits)
@@ -54,7 +55,7 @@ def _code_plain(surface, rows, _):
 
 
 def _code_textured(surface, rows, uv):
-    """As _code_plain with UVs int64 [F, 3, 2]: (lattice, faces, uv)."""
+    """Return the same with UVs int64 [F, 3, 2]: the decoded part is (lattice, faces, uv)."""
     bits, origin = surface.cube.position_bits, uv.min(axis=(0, 1))
     vertex, uv, faces = split_corners(surface.faces[rows], uv - origin)
     data, coding = enc_textured(surface.lattice[vertex], faces, uv, bits)

@@ -1,4 +1,4 @@
-"""Fields of their own for small parts over voxels that the K of all would blur (encoder only)."""
+"""Fields of their own for small parts over voxels that the common K would blur (encoder only)."""
 
 from __future__ import annotations
 
@@ -32,9 +32,8 @@ class PartFields:
 
 def choose_part_fields(scene: Scene, surface: Surface, face_field: np.ndarray, colours: np.ndarray,
                        trials: Trials) -> Decision[PartFields]:
-    """Gives a small part over voxels a field of its own if the common K breaks the rate's promise there. Its K is the common
-    one doubled until the promise is kept, or as far as the limits go. face_field: int64 [F]; colours: of
-    material_colours()."""
+    """Give a small part over voxels a field of its own if the common K breaks the rate's promise there. Its K is the common one
+    doubled until the promise is kept, or up to the limits. face_field: int64 [F]; colours: of material_colours()."""
     own: dict[int, tuple[int, int]] = {}
     price = trials.price
     is_open = price.coder is not None and price.is_free and price.has_promise and price.max_error is None
@@ -57,7 +56,7 @@ def choose_part_fields(scene: Scene, surface: Surface, face_field: np.ndarray, c
 
 
 def _finer(scene, surface, faces, trials):
-    """Returns (K, QP offset) of a part's own field, None if the common K keeps the promise."""
+    """Return (K, QP offset) of a part's own field, None if the common K keeps the promise."""
     region = trials.region(scene, surface, faces)
     if region is None or trials.keeps_promise(trials.voxels(region, trials.price.resolution, VOXEL_CELL), region):
         return None

@@ -1,4 +1,4 @@
-"""Which partition pays: candidates are compared without coding, by what their error and their fields cost."""
+"""The choice of the partition: candidates are compared without coding, by the bytes of their error and of their fields."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MOST_CANDIDATES = 4  # that _candidates() yields
 
 
 class _Trials:
-    """Weighs partitions of one surface against each other; an error once measured is kept."""
+    """Comparison of partitions of one surface; measured errors are kept."""
 
     def __init__(self, scene, surface, price):
         self.scene, self.surface, self.price, self.measured = scene, surface, price, {}
@@ -44,7 +44,8 @@ class _Trials:
         return self.measured[key]
 
     def _gains(self, base, candidate, resolution):
-        """(bytes that a candidate's smaller error is worth, dB of each channel at the coded quality, what the report says)."""
+        """Return (bytes that the smaller error of a candidate is worth, dB of each channel at the coded quality, a row for the
+        report)."""
         before, after = self._errors(base, resolution), self._errors(candidate, resolution)
         decibel = {k: self.price.gain(before[k], after[k]) for k in before}
         worth = self.price.cost(0, sum(before[k] - after[k] for k in before))
@@ -54,9 +55,9 @@ class _Trials:
         return worth, decibel, json_ready(evidence)
 
     def pays(self, base, candidate):
-        """Whether a candidate saves more error than its fields cost. Half the resolution comes first, in a quarter of the time:
-        surfaces are nearer to each other there, so what does not pay there never does, and SURE_TIMES there need no second
-        look."""
+        """Return whether a candidate saves more error than its fields cost. Half the resolution comes first, in a quarter of the
+        time: surfaces are nearer to each other there, so a loss there is a loss at all K, and a gain of SURE_TIMES needs no
+        second measurement."""
         fee = FIELD_BYTES * int(candidate.max() - base.max())
         worth, _, evidence = self._gains(base, candidate, self.quick)
         if fee < worth < SURE_TIMES * fee:
@@ -64,14 +65,14 @@ class _Trials:
         return worth > fee, evidence
 
     def mixes_alpha(self, best, others):
-        """Whether one of the other partitions shows alpha by SHOWN_GAIN better than the best."""
+        """Return whether another partition shows alpha better than the best one, by SHOWN_GAIN."""
         return any(all(self._gains(best, other, r)[1]["alpha"] >= SHOWN_GAIN for r in (self.quick, self.price.resolution))
                    for other in others)
 
 
 def _candidates(scene, surface, resolution):
-    """Yields (face_field, folding components cut, Contacts): components, those cut where they fold, then both with the layers of
-    a component parted."""
+    """Yield (face_field, folding components cut, Contacts): components, those cut at folds, then both with the layers of a
+    component parted."""
     component = face_components(surface.faces)
     for parted in (component, part_layers(scene, surface, component)):
         if parted is None:
@@ -83,16 +84,16 @@ def _candidates(scene, surface, resolution):
 
 
 def _unbounded(candidate, split, contacts):
-    """The candidates to compare alpha with: this one and, where it has as many fields as there may be, one with more."""
+    """Return the candidates to compare alpha with: this one and, if it has as many fields as allowed, another one with more."""
     more = colour_pieces(contacts, split, MANY_FIELDS) if candidate.max() + 1 == MAX_FIELDS else candidate
     return [candidate] if more.max() == candidate.max() else [candidate, more]
 
 
 def choose_fields(scene: Scene, surface: Surface, colours: np.ndarray, price: Lagrangian, partition: str,
                   step: Step = no_step) -> Decision[np.ndarray]:
-    """Field number of every face, int64 [F]. Tries components, then also cut where they fold, then layers; takes what pays. Warns
-    where surfaces of different alpha stay in one field. colours: of material_colours; partition: as of EncodeOptions; step: of
-    Report.stage()."""
+    """Return the Decision on the field number of every face, int64 [F]. Tries components, then also cuts at folds, then layers;
+    takes each that pays. Warns if surfaces of different alpha stay in one field. colours: of material_colours; partition: as of
+    EncodeOptions; step: of Report.stage()."""
     best, off, alpha = np.zeros(len(surface.faces), np.int64), partition == "off", codes_alpha(scene, surface)
     reason = _reason_for_one(surface, colours, off, alpha)
     if reason:
@@ -117,7 +118,7 @@ def choose_fields(scene: Scene, surface: Surface, colours: np.ndarray, price: La
 
 
 def _reason_for_one(surface, colours, off, alpha):
-    """Why one field will do without a trial; "" where that is to be seen."""
+    """Return why one field is enough without a trial; "" if that needs a trial."""
     if len(surface.faces) < 2:
         return "the mesh has one face"
     if off and not alpha:

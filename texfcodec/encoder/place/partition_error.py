@@ -1,4 +1,4 @@
-"""How far voxels of a partition are off before any coding (encoder only)."""
+"""Error of the voxels of a partition before any coding (encoder only)."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ TRIAL_SAMPLES = 1 << 17
 
 def uncoded_errors(scene: Scene, surface: Surface, face_field: np.ndarray, resolution: int, area_threshold: int,
                    threads: int) -> dict[str, float]:
-    """Mean squared errors {"y", "alpha"} of the uncoded fields against the source at TRIAL_SAMPLES surface points; "alpha" only
-    where alpha is coded.
+    """Return mean squared errors {"y", "alpha"} of the uncoded fields against the source at TRIAL_SAMPLES surface points; "alpha"
+    only if alpha is coded.
 
     surface: encoder's Surface; face_field: int64 [F], numbered from 0 without gaps.
     """
@@ -57,5 +57,5 @@ def uncoded_errors(scene: Scene, surface: Surface, face_field: np.ndarray, resol
 
 
 def codes_alpha(scene: Scene, surface: Surface) -> bool:
-    """Whether a material in use is not opaque, so that the stream has a plane of alpha."""
+    """Return whether a material in use is not opaque, so that the stream has a plane of alpha."""
     return needs_alpha([scene.materials[m] for m in np.unique(surface.material)])

@@ -1,7 +1,7 @@
-"""Images that are very much finer than the voxels their faces go into: their mean is what a voxel shows (encoder only).
+"""Prefiltering of images that are much finer than the voxels of their faces: a voxel shows their mean (encoder only).
 
-A voxel is filled from a few samples along its edge. Where a hundred texels lie along that edge, the samples are a lottery: noise,
-which takes a megabyte and looks like none of what viewers show there, the image's smaller mip levels.
+A voxel is filled from a few samples along its edge. If a hundred texels lie along that edge, the samples are noise, which takes a
+megabyte and does not look like the smaller mip level that viewers show there.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ FINEST = 16.0  # texels along an edge of a voxel; beyond, an image is shrunk by 
 
 
 def prefilter_textures(scene: Scene, surface: Surface, over_voxels: np.ndarray, resolution: int) -> Scene:
-    """The scene with images of at most FINEST texels along a voxel's edge. over_voxels: bool [F], faces of the surface that go
-    into voxels; images that any other face shows stay as they are."""
+    """Return the scene with images of at most FINEST texels along a voxel's edge. over_voxels: bool [F], faces of the surface
+    that go into voxels; images that any other face shows stay unchanged."""
     kept = {t for m in np.unique(surface.material[~over_voxels]) for t in _textures_of(scene.materials[m]).values()}
     times: dict[int, float] = {}
     for number in np.unique(surface.material[over_voxels]):
@@ -39,7 +39,7 @@ def prefilter_textures(scene: Scene, surface: Surface, over_voxels: np.ndarray, 
 
 
 def _texels(scene, name, texture, rows):
-    """Texels that faces of the scene show of one of their textures, each as often as it is shown."""
+    """Return texels that faces of the scene show of one of their textures, each as often as it is shown."""
     uv = scene.map_uv.get(name, scene.corner_uv)[rows]
     height, width = scene.textures[texture].image.shape[:2]
     with np.errstate(all="ignore"):
@@ -49,12 +49,12 @@ def _texels(scene, name, texture, rows):
 
 
 def _textures_of(material):
-    """Textures of a material by channel name, "" standing for the base colour."""
+    """Return textures of a material by channel name, "" for the base colour."""
     return {name: t for name, t in {"": material.texture, **material.maps}.items() if t >= 0}
 
 
 def _shrunk(texture, times):
-    """A Texture of means over squares of so many texels a side, or over the whole image."""
+    """Return a Texture of means over squares of so many texels a side, or over the whole image."""
     from PIL import Image
 
     height, width = texture.image.shape[:2]

@@ -1,4 +1,4 @@
-"""Fifth stage: geometry units, and the voxels and texels that values lie in (encoder only)."""
+"""Fifth stage: geometry units, and the voxels and texels that hold the values (encoder only)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class OverBudget(Exception):
-    """Geometry alone takes as many bytes as the stream may have, or more. geometry: its bytes."""
+    """Raised if geometry alone takes the bytes of the stream. geometry: its bytes."""
 
     def __init__(self, geometry: int) -> None:
         super().__init__(f"geometry takes {geometry} bytes")
@@ -61,8 +61,8 @@ def place(shaded: Shaded, budget: int | None, report: Report) -> Placed:
 
 
 def _field_numbers(meshed: Meshed, plans: list[TexelPlan], first: int) -> tuple[np.ndarray, np.ndarray]:
-    """Field numbers, int64, of faces of the mesh that is sent, and of the source's faces on it: those of TexelPlans from `first`
-    on."""
+    """Return field numbers, int64, of the faces of the sent mesh, and of the source's faces on it; TexelPlans are numbered from
+    `first` on."""
     sent = meshed.mesh.value
     by_source_face = np.full(len(meshed.shown.faces), -1, np.int64)
     by_source_face[meshed.usual.origin_face] = meshed.partition.value.face_field
@@ -74,7 +74,7 @@ def _field_numbers(meshed: Meshed, plans: list[TexelPlan], first: int) -> tuple[
 
 
 def _fields(shaded: Shaded, source: Source, units: list[GeometryUnit], report: Report) -> list[SourceField]:
-    """SourceFields without colours over voxels, with them over texels."""
+    """Return SourceFields, without colours over voxels, with them over texels."""
     meshed, plans = shaded.meshed, shaded.plans
     price, bits, own = meshed.price, meshed.mesh.value.surface.cube.position_bits, meshed.partition.value.own
     first = len(source.surfaces) - len(plans)
@@ -102,7 +102,7 @@ def _on_pictures(fit, source, position_bits, on_progress, **schedule):
 
 
 def _blended_squares(shown: Scene, shaded: Shaded) -> Iterable[str]:
-    """Names of lost NEAREST samplers: those of images that faces show in more than one colour and which do not go over texels."""
+    """Return names of lost NEAREST samplers: of images that faces show in more than one colour and that do not go over texels."""
     surface, colours = shaded.meshed.mesh.value.surface, shaded.meshed.prepared.colours
     kept = np.zeros(len(surface.faces), bool)
     for plan in shaded.plans:

@@ -50,9 +50,9 @@ class Supported:
 
 @dataclass(frozen=True, kw_only=True)
 class Meshed:
-    """The supports that were taken, with their mesh. supports: on the mesh that is sent; price: at their K; usual: the source's
-    Surface at its bits; shown: the scene without detail that no voxel shows; partition: face fields on usual; mesh: what is
-    sent; evidence: of supports, partition and mesh."""
+    """The chosen supports, with their mesh. supports: on the sent mesh; price: at their K; usual: the source's Surface at its
+    bits; shown: the scene without detail that no voxel shows; partition: face fields on usual; mesh: the sent one; evidence: of
+    supports, partition and mesh."""
 
     prepared: Prepared
     supports: Supports
@@ -65,13 +65,13 @@ class Meshed:
 
     @property
     def gain(self) -> float:
-        """Bytes that the mesh saves, less those that the supports cost above the best."""
+        """Bytes that the mesh saves, less the extra bytes of the supports above the best."""
         return self.mesh.value.saved - self.supports.extra_bytes
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shaded:
-    """How normals are made again. plans: TexelPlans, whose normal maps suit the decoder's frames."""
+    """The shading of a mesh. plans: TexelPlans, whose normal maps suit the decoder's frames."""
 
     meshed: Meshed
     shading: Shading
@@ -81,9 +81,9 @@ class Shaded:
 
 @dataclass(frozen=True, kw_only=True)
 class Placed:
-    """Where values lie. geometry: syntax values of the geometry units; source: what is coded, by channels and fields, on the mesh
-    that is sent; fields: SourceFields without colours over voxels, with them over texels; names: of the channels that each field
-    over voxels has maps of."""
+    """The places of values. geometry: syntax values of the geometry units; source: the coded channels and fields, on the sent
+    mesh; fields: SourceFields without colours over voxels, with them over texels; names: channels that each field over voxels has
+    maps of."""
 
     shaded: Shaded
     geometry: list[dict]
@@ -94,11 +94,11 @@ class Placed:
 
 @dataclass(frozen=True, kw_only=True)
 class Filled:
-    """All that the stream holds but coded values; it does not depend on the QP, but for what choosing supports took from it.
+    """Everything that the stream holds but coded values; it does not depend on the QP except through the choice of supports.
 
-    request: as it came; price: at the quality that is coded, at the chosen K; surface: the mesh that is sent; geometry, source:
-    as of Placed; fields: SourceFields with values, without them if the codec reads the source itself; materials: as the stream
-    holds them; resolution: K, None if nothing is over voxels; evidence: of every choice by its name.
+    request: unchanged; price: at the coded quality, at the chosen K; surface: the sent mesh; geometry, source: as of Placed;
+    fields: SourceFields with values, without them if the codec reads the source itself; materials: as the stream holds them;
+    resolution: K, None if no field is over voxels; evidence: of every choice by its name.
     """
 
     request: EncodeOptions
@@ -114,7 +114,7 @@ class Filled:
 
     @property
     def is_uniform(self) -> bool:
-        """Whether the only value is one colour, so that no QP changes the stream."""
+        """Whether the only value is a single colour, so that the QP does not change the stream."""
         return all(part.is_uniform for part in self.fields) and all(group.channels[0] in COLOURS for group in self.source.groups)
 
     @property
@@ -123,9 +123,10 @@ class Filled:
         return self.request.qp if self.price.coder is None else self.price.coder.qp
 
     def with_qp(self, qp: int) -> Filled:
-        """The same at another QP: supports and values stay."""
+        """Return the same at another QP: supports and values stay."""
         return replace(self, price=replace(self.price, coder=self.price.planes.at(qp=qp)))
 
     def between(self, qp: float) -> Filled:
-        """The same at a QP between whole ones if its codec has such, else at the next finer one; a byte has its price there."""
+        """Return the same at a QP between whole ones if its codec has such, else at the next finer one; the price of a byte is
+        that of the QP."""
         return replace(self, price=replace(self.price, qp=round(qp), coder=self.price.planes.between(qp)))

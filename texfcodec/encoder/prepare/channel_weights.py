@@ -1,5 +1,5 @@
-"""What an error in each channel of an asset does to its shaded picture: measured on a few small pictures, so that bytes go where
-they show (encoder only)."""
+"""Weights of the channels of an asset: the effect of an error in each channel on the shaded picture, measured on a few small
+pictures, so that bytes go to visible errors (encoder only)."""
 
 from __future__ import annotations
 
@@ -36,19 +36,20 @@ Weights = dict[str, float]
 
 
 def table_weights() -> Weights:
-    """Weights by channel name where nothing is measured."""
+    """Return the default weights by channel name, for assets that are not measured."""
     return {name: channel.weight for name, channel in BY_NAME.items()}
 
 
 def shown_of_radians(weights: Weights) -> float:
-    """Squared error of a shaded picture, in levels, for a squared radian of shading normals."""
+    """Return the squared error of a shaded picture, in levels, for a squared radian of shading normals."""
     return weights.get(SHADING, USUAL_GAIN * BY_NAME["normal"].weight * FLAT**2 / 2)
 
 
 def measured_weights(scene: Scene, is_free: bool, threads: int) -> Weights:
-    """Weights by channel name: how much more a squared error of its values shows in light than one of base colour usually does,
-    for base colour, where the quality is the encoder's to choose (is_free), and for the channels that materials have maps of;
-    those of the table for the rest; and SHADING, as shown_of_radians() gives it. scene: with the materials that are coded."""
+    """Return weights by channel name: how much more a squared error of its values shows in light than one of base colour usually
+    does. They are measured for base colour, if the encoder may choose the quality (is_free), and for the channels that materials
+    have maps of; the other weights are those of the table. SHADING is as shown_of_radians() returns it. scene: with the materials
+    that are coded."""
     weights, names = table_weights(), sorted(map_names(scene.materials))
     is_lit = scene.corner_normal is not None and not all(material.unlit for material in scene.materials)
     gains = _gains(scene, names, is_lit, threads) if names or is_lit else {}
@@ -66,8 +67,8 @@ def measured_weights(scene: Scene, is_free: bool, threads: int) -> Weights:
 
 
 def _gains(scene, names, is_lit, threads):
-    """{name: squared error of shaded pictures over that of the values} of channels, of base colour where there are any, and of
-    SHADING where the scene is lit; {} where nothing is seen."""
+    """Return {name: squared error of shaded pictures over that of the values} of channels, of base colour if there are any
+    channels, and of SHADING if the scene is lit; {} if nothing is visible."""
     opaque = replace(scene, materials=[replace(m, alpha_mode=0) for m in scene.materials])
     lighting, source, (centre, radius) = Lighting(opaque), pack_source(opaque), bounding_sphere(scene.positions)
     names = [*([BASE_COLOUR.name] if names else []), *names, *([SHADING] if is_lit else [])]
@@ -96,13 +97,13 @@ def _gains(scene, names, is_lit, threads):
 
 
 def _with_turned_normals(scene):
-    """The scene with shading normals that are off, by TURNED radians in each of two directions."""
+    """Return the scene with wrong shading normals, by TURNED radians in each of two directions."""
     off = np.random.default_rng(0).normal(0, TURNED, scene.corner_normal.shape).astype(np.float32)
     normal = scene.corner_normal + off
     return replace(scene, corner_normal=normal / np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), np.float32(1e-12)))
 
 
 def _greyer(rgba, seed):
-    """Colours float32 [M, 4], lighter or darker by noise: most of what coding leaves is luma."""
+    """Return colours float32 [M, 4], made lighter or darker by noise: most of the error of coding is luma."""
     off = np.random.default_rng(seed).uniform(-NOISE, NOISE, (len(rgba), 1)).astype(np.float32)
     return np.column_stack([np.clip(rgba[:, :3] + off, 0, 255), rgba[:, 3]])

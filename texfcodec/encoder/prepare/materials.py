@@ -1,7 +1,7 @@
-"""What of its materials a scene needs: decided by values, channel by channel, and reported (encoder only).
+"""Reduction of materials to what has to be coded: decided by values, channel by channel, and reported (encoder only).
 
-A map whose texels on the surface are all alike becomes a factor or, where the factor is what it would have been without the map,
-nothing; a map that no effect reads is left out. What is left has to be coded.
+A map whose texels on the surface are all alike becomes a factor. If the factor has its default value, even that is left out, and
+so is a map that no effect reads. All other maps have to be coded.
 """
 
 from __future__ import annotations
@@ -37,15 +37,14 @@ KEPT = ("lit", "mask", "blend", "double_sided")  # effects that are flags and no
 
 @dataclass(frozen=True)
 class Needs:
-    """scene: with materials as they are to be coded, alpha left out where all of it is seen; materials: as the stream holds
-    them."""
+    """scene: with the materials to be coded, alpha left out if it is opaque everywhere; materials: as the stream holds them."""
 
     scene: Scene
     materials: list[Material]
 
 
 class _Row(NamedTuple):
-    """What was decided of a channel of one material, and why. decision: of DECISIONS."""
+    """The decision on a channel of one material, and its reason. decision: of DECISIONS."""
 
     channel: str
     decision: str
@@ -53,7 +52,7 @@ class _Row(NamedTuple):
 
 
 def needed_scene(scene: Scene, surface: Surface, effects: str) -> Decision[Needs]:
-    """What has to be coded of a scene's materials; the evidence is a dict for each channel that any material in use has. effects:
+    """Return the Decision on the Needs of a scene; its evidence is a dict for each channel that any material in use has. effects:
     as of EncodeOptions. Raises InputError for an unknown effect."""
     wanted, used = _wanted(effects), set(np.unique(surface.material).tolist())
     usage, rows = _TexelUsage(scene, surface), []
@@ -75,8 +74,8 @@ def needed_scene(scene: Scene, surface: Surface, effects: str) -> Decision[Needs
 
 
 def _wanted(requested):
-    """Effects of EncodeOptions.effects, None for all that are used; "none" leaves out the map of roughness, too, though
-    light stays."""
+    """Return the effects of EncodeOptions.effects, None for all that are used; "none" leaves out the map of roughness, too, but
+    keeps light."""
     if requested in ("auto", "all"):
         return None
     names = [name.strip() for name in str(requested).split(",") if name.strip()]
@@ -88,8 +87,8 @@ def _wanted(requested):
 
 
 def _needed(material, number, usage, is_all):
-    """(a Material with the maps that have to be coded and the parameters that say the rest, _Rows). is_all: whether every map is
-    coded, whatever it holds."""
+    """Return (a Material with the maps that have to be coded and the parameters that replace the others, _Rows). is_all: whether
+    every map is coded, whatever it holds."""
     maps, parameters, rows = {}, dict(material.parameters), []
     for name, texture in material.maps.items():
         reason = "" if is_all else _idle_reason(material, name)
@@ -110,12 +109,12 @@ def _constant_reason(value):
 
 
 def _unwanted(material, wanted):
-    """Channels of a material's maps that only unwanted effects read, by effect."""
+    """Return channels of a material's maps that only unwanted effects read, by effect."""
     return [name for effect in EFFECTS if effect.name not in wanted for name in set(effect.channels) & {*material.maps}]
 
 
 def _without_effects(material, wanted):
-    """A Material without the maps and parameters of effects that are not wanted."""
+    """Return a Material without the maps and parameters of unwanted effects."""
     for effect in EFFECTS:
         if effect.name not in wanted:
             material = without(material, effect)
@@ -123,7 +122,7 @@ def _without_effects(material, wanted):
 
 
 def _idle_reason(material, name):
-    """Why nothing reads a map, or ""."""
+    """Return why nothing reads a map, or ""."""
     if material.unlit:
         return "the material is unlit"
     effect = EFFECT_OF[name]
@@ -131,7 +130,8 @@ def _idle_reason(material, name):
 
 
 def _counted(rows):
-    """What the report says of each channel, in the order of the channels: how many materials have which decision, and why."""
+    """Return the rows of the report by channel, in the order of the channels: the number of materials with each decision, and the
+    reasons."""
     channels: dict[str, dict] = {}
     for row in rows:
         entry = channels.setdefault(row.channel, {"channel": row.channel, **dict.fromkeys(DECISIONS, 0), "reasons": []})
@@ -150,7 +150,7 @@ class _TexelUsage:
         self._shown: dict[tuple, np.ndarray | None] = {}
 
     def constant(self, number: int, name: str) -> np.ndarray | None:
-        """The one value of a map on the surface of material `number`, float64 [C] in 0..255, or None where it varies."""
+        """Return the constant value of a map on the surface of material `number`, float64 [C] in 0..255, or None if it varies."""
         texture = self.scene.textures[self.scene.materials[number].maps[name]]
         columns = list(BY_NAME[name].columns)
         few = texture.image[:: max(1, texture.image.shape[0] // 64), :: max(1, texture.image.shape[1] // 64), columns]
@@ -169,7 +169,7 @@ class _TexelUsage:
         return value
 
     def alpha_is_full(self, number: int) -> bool:
-        """Whether alpha is 255 wherever a material is seen."""
+        """Return whether alpha is 255 in all visible places of a material."""
         material, faces = self.scene.materials[number], self._faces(number)
         colour = self.scene.corner_color
         if material.factor[3] < 1 or (colour is not None and (colour[faces, :, 3] < 1).any()):
@@ -186,7 +186,7 @@ class _TexelUsage:
         return self.surface.origin_face[self.surface.material == number]
 
     def _texels(self, number, corner_uv, texture):
-        """(column, row) of the texels that the faces of a material show, int64 [N, 2]; None where that is not looked for."""
+        """Return (column, row) of the texels that the faces of a material show, int64 [N, 2]; None if that takes too long."""
         key = (number, id(corner_uv), texture.image.shape[:2], tuple(texture.wrap))
         if key not in self._shown:
             self._shown[key] = shown_texels(corner_uv[self._faces(number)], texture)
@@ -194,8 +194,8 @@ class _TexelUsage:
 
 
 def shown_texels(uv: np.ndarray, texture: Texture, fraction_bits: int = 0) -> np.ndarray | None:
-    """(column, row) of the texels that faces show of a Texture, int64 [N, 2]; None where that takes too long to see. uv: float64
-    [F, 3, 2] of their corners, which are rounded to 2**-fraction_bits texels."""
+    """Return (column, row) of the texels that faces show of a Texture, int64 [N, 2]; None if that takes too long. uv: float64 [F,
+    3, 2] of their corners, which are rounded to 2**-fraction_bits texels."""
     height, width = texture.image.shape[:2]
     steps = uv * np.array([width, height], np.float64) * (1 << fraction_bits)
     if max(width, height) > MAX_SIDE or not (np.abs(steps) < min(MAX_UV, 1 << MAX_UV_BITS + 5)).all():
@@ -207,7 +207,7 @@ def shown_texels(uv: np.ndarray, texture: Texture, fraction_bits: int = 0) -> np
 
 
 def _one_value(values):
-    """The middle of values uint8 [N, C] where none is further off than TOLERANCE, float64 [C]; else None."""
+    """Return the middle of values uint8 [N, C], float64 [C], if none is further off than TOLERANCE; else None."""
     low, high = values.min(axis=0).astype(np.float64), values.max(axis=0).astype(np.float64)
     return (low + high) / 2 if (high - low).max() <= 2 * TOLERANCE else None
 

@@ -1,4 +1,4 @@
-"""The usual lattice of a scene: position bits that leave no small part of it without its faces (encoder only)."""
+"""The reference lattice of a scene: position bits at which no small part of it loses its faces (encoder only)."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ BITS_A_STEP = 2
 
 
 def reference_surface(scene: Scene, request: PrepareRequest) -> Surface:
-    """The scene on its lattice at the requested position bits, or at more where they are the encoder's to choose and a statue
-    beside a large ground would fall together. Raises InputError and LimitError as make_surface()."""
+    """Return the scene on its lattice at the requested position bits, or at more if the encoder may choose them and a statue
+    beside a large ground would collapse. Raises InputError and LimitError as make_surface()."""
     surface = make_surface(scene, request)
     while request.position_bits_are_free and surface.cube.position_bits < MAX_BITS and _loses_a_part(scene, surface):
         bits = min(surface.cube.position_bits + BITS_A_STEP, MAX_BITS)

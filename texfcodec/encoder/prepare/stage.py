@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class PrepareRequest:
-    """What the stage reads of EncodeOptions. measures_weights: whether pictures weigh the channels."""
+    """Fields of EncodeOptions that the stage depends on. measures_weights: whether pictures weigh the channels."""
 
     position_bits: int
     position_bits_are_free: bool
@@ -33,7 +33,7 @@ class PrepareRequest:
 
     @classmethod
     def of(cls, options: EncodeOptions) -> PrepareRequest:
-        """The part of a request that the stage reads."""
+        """Return the part of a request that the stage depends on."""
         assert options.position_bits is not None  # its __post_init__ fills it in
         return cls(position_bits=options.position_bits, position_bits_are_free=options.position_bits_are_free,
                    limits=options.limits, allow_empty=options.allow_empty, effects=options.effects,

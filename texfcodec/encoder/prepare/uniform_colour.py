@@ -1,7 +1,7 @@
-"""Which materials show one colour on all of a surface: known by content before anything is probed, so that nothing is (encoder
-only).
+"""Materials that show a single colour on all of a surface: recognised by content before any trial, so that they need none
+(encoder only).
 
-One colour takes a few bytes and no voxels to speak of: no support, no partition and no fit makes it look better or cost less.
+A single colour takes a few bytes and next to no voxels: no support, no partition and no fit makes it look better or cost less.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ FEW = 64  # faces, or rows and columns of an image, that are looked at before al
 
 
 def material_colours(scene: Scene, surface: Surface) -> np.ndarray:
-    """What each material shows on a surface, float32 [materials, 4] as scene.fetch has it: RGBA in 0..255, colour sRGB-coded.
-    NaN where it is not one colour and alpha, where that takes long to see, and for materials without faces."""
+    """Return the colour that each material shows on a surface, float32 [materials, 4] as of scene.fetch: RGBA in 0..255, colour
+    sRGB-coded. It is NaN if colour or alpha varies, if that takes long to see, and for materials without faces."""
     out = np.full((len(scene.materials), 4), np.nan, np.float32)
     used, first = np.unique(surface.material, return_index=True)
     flat = [i for i, number in enumerate(used) if _is_flat(scene, surface, int(number))]
@@ -40,19 +40,19 @@ def material_colours(scene: Scene, surface: Surface) -> np.ndarray:
 
 
 def uniform_colour(colours: np.ndarray, materials: np.ndarray) -> np.ndarray | None:
-    """The colour that faces of these materials show, float32 [4]; None where there is more than one, or none is known. colours:
-    of material_colours; materials: int64 [F]."""
+    """Return the colour that faces of these materials show, float32 [4]; None if there are several, or none is known. colours: of
+    material_colours; materials: int64 [F]."""
     shown = colours[np.unique(materials)]
     return shown[0] if len(shown) and (shown == shown[0]).all() else None
 
 
 def is_uniform(scene: Scene, colours: np.ndarray, materials: np.ndarray) -> bool:
-    """Whether faces of these materials show one colour and no maps. Arguments as for uniform_colour."""
+    """Return whether faces of these materials show a single colour and no maps. Arguments as for uniform_colour."""
     return uniform_colour(colours, materials) is not None and not any(scene.materials[m].maps for m in np.unique(materials))
 
 
 def _is_flat(scene, surface, number):
-    """Whether all faces of a material show one colour."""
+    """Return whether all faces of a material show a single colour."""
     material, rows = scene.materials[number], surface.origin_face[surface.material == number]
     spread = rows[:: max(1, len(rows) // FEW)]
     for some in (spread, rows):
@@ -72,7 +72,7 @@ def _is_flat(scene, surface, number):
 
 
 def _are_alike(values):
-    """Whether all rows are equal. values: [N, C], N at least 1."""
+    """Return whether all rows are equal. values: [N, C], N at least 1."""
     return bool((values == values[0]).all())
 
 
@@ -82,7 +82,7 @@ def _image_is_flat(image):
 
 
 def _texels_at_corners(uv, texture):
-    """The texel that each corner lies in, uint8 [N, 4]; as many that differ where there is none."""
+    """Return the texel that each corner lies in, uint8 [N, 4]; rows that differ if a corner lies in none."""
     image = texture.image
     if not (np.abs(uv) < 1e6).all():
         return np.array([[0] * 4, [255] * 4], np.uint8)

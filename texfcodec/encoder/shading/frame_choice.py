@@ -1,9 +1,10 @@
-"""Whether a decoder's tangent frames, which it makes of UVs, are those that the file's TANGENTs and normals mean (encoder only).
+"""Agreement of a decoder's tangent frames, which it derives from UVs, with those of the file's TANGENTs and normals (encoder
+only).
 
-Where they are not, a normal map would point elsewhere: its texels are turned into the decoder's frame, which needs no byte of its
-own. Texels that faces of different frames share, as the halves of a mirrored model do, cannot be right for all of them: they get
-the mean by area, or the faces whose frame is far off become a field of their own where the picture gains more than that costs.
-What stays off is said.
+If they differ, a normal map would point elsewhere: its texels are rotated into the decoder's frame, at no cost in bytes. Texels
+that faces of different frames share, as the halves of a mirrored model do, cannot be right for all of them. They get the mean by
+area, or the faces whose frame is far off become a field of their own, if the picture gains more than that costs. The remaining
+error is reported.
 """
 
 from __future__ import annotations
@@ -51,9 +52,9 @@ LEAST_GAIN, DECIBELS_A_DOUBLING = 0.02, 6.0
 
 @dataclass(frozen=True)
 class _Mapped:
-    """Faces of a plan that its normal map bends, and frames of their corners, columns along u, along v and outwards: how the
-    source has them, and how a decoder makes them. faces: int64 [N] of the surface; uv: float64 [N, 3, 2], texels of the group's
-    image; area: float64 [N]; source, decoder: float32 [N, 3, 3, 3]."""
+    """Faces of a plan with a normal map, and frames of their corners, columns along u, along v and outwards, of the source and of
+    a decoder. faces: int64 [N] of the surface; uv: float64 [N, 3, 2], texels of the group's image; area: float64 [N]; source,
+    decoder: float32 [N, 3, 3, 3]."""
 
     plan: TexelPlan
     faces: np.ndarray
@@ -63,8 +64,8 @@ class _Mapped:
     decoder: np.ndarray
 
     def between(self, faces: np.ndarray | slice = slice(None), bary: np.ndarray = CORNERS) -> np.ndarray:
-        """What brings a normal from the source's frame into the decoder's at points of some faces, bary float64 [P, 3], alike for
-        all: float64 [N, P, 3, 3]; the unit matrix where one of them is flat."""
+        """Return the matrices from the source's frame into the decoder's at points of some faces, float64 [N, P, 3, 3]; the unit
+        matrix if one of both is flat. bary: float64 [P, 3], the same for all faces."""
         source, decoder = (_frames_at(axes[faces], bary) for axes in (self.source, self.decoder))
         out = np.broadcast_to(np.eye(3), source.shape).copy()
         good = (np.abs(np.linalg.det(decoder)) > OFF) & (np.abs(np.linalg.det(source)) > OFF)
@@ -73,12 +74,12 @@ class _Mapped:
 
     @cached_property
     def apart(self) -> np.ndarray:
-        """How much the frames of each face differ at most, float64 [N]."""
+        """Return the largest difference between the frames of each face, float64 [N]."""
         blocks = [self.between(slice(begin, begin + BLOCK)) for begin in range(0, len(self.faces), BLOCK)]
         return np.concatenate([np.sqrt(((block - np.eye(3)) ** 2).sum(axis=(2, 3))).max(axis=1) for block in blocks])
 
     def in_two(self, apart: np.ndarray) -> list[TexelPlan]:
-        """Plans of its own for some faces, bool [N], and for the others, those without a normal map among them."""
+        """Return two plans: of some faces, bool [N], and of the others, with the faces without a normal map."""
         group = self.plan.group
         chosen = np.isin(group.faces, self.faces[apart])
         return [replace(self.plan, group=replace(group, faces=group.faces[part], uv=group.uv[part]))
@@ -87,10 +88,10 @@ class _Mapped:
 
 def fit_frames(scene: Scene, surface: Surface, shading: Shading, plans: list[TexelPlan], price: Lagrangian,
                cache: Cache) -> Decision[list[TexelPlan]]:
-    """Plans over texels whose normal maps suit the frames of a decoder, some of them in two where that pays; says how far the
-    normals that light sees are off afterwards, the maps themselves being exact.
+    """Return the Decision on plans over texels whose normal maps suit the frames of a decoder, some of them in two if that pays.
+    Its evidence has the remaining error of the normals that light sees, the maps themselves being exact.
 
-    Only where the file has TANGENTs, for others have the decoder's frames. cache: of fitted plans.
+    Only files with TANGENTs need it, because all others have the decoder's frames. cache: of fitted plans.
     """
     if scene.corner_tangent is None or not any(NORMAL in plan.group.maps for plan in plans):
         return Decision(plans, {})
@@ -103,13 +104,13 @@ def fit_frames(scene: Scene, surface: Surface, shading: Shading, plans: list[Tex
 
 
 def _fitted(frames, plan, price):
-    """The _Fitted of a plan."""
+    """Return the _Fitted of a plan."""
     mapped = _mapped(frames, plan)
     return _Fitted([plan]) if mapped is None else _best(frames, mapped, price)
 
 
 class _FrameKey(NamedTuple):
-    """What fitting a plan to frames depends on beside the scene."""
+    """Everything beside the scene that fitting a plan to frames depends on."""
 
     qp: int
     surface: bytes
@@ -119,7 +120,8 @@ class _FrameKey(NamedTuple):
 
 @dataclass(frozen=True)
 class _Fitted:
-    """What a plan became. errors: degrees at points float64 [M]; area: of the faces with a normal map; turned: texels."""
+    """The result of fitting a plan. errors: degrees at points float64 [M]; area: of the faces with a normal map; turned:
+    texels."""
 
     plans: list[TexelPlan]
     errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -128,7 +130,8 @@ class _Fitted:
 
 
 def _best(frames, mapped, price):
-    """The _Fitted of a plan: as it is, with turned texels, or in two, so that faces off their frame share none with others."""
+    """Return the _Fitted of a plan: unchanged, with rotated texels, or in two, so that faces off their frame share texels with no
+    others."""
     best = _Fitted([mapped.plan], _errors(frames, [mapped], [mapped.plan]), float(mapped.area.sum()))
     shown = shown_of_radians(frames.scene.weights)
     error = lambda errors: shown * float((np.radians(np.minimum(errors, CLIP)) ** 2).mean())
@@ -148,13 +151,13 @@ def _best(frames, mapped, price):
 
 
 def _texels(plan):
-    """How many texels the faces of a plan ask."""
+    """Return the number of texels that the faces of a plan cover."""
     uv = plan.corner_uv().reshape(-1, 2)
     return len(asked_texels(uv, np.arange(len(uv)).reshape(-1, 3), plan.fraction_bits, plan.size, plan.group.wrap))
 
 
 def _judged(plans, bent, qp):
-    """The Decision on plans. bent: _Fitted of those that have a normal map."""
+    """Return the Decision on plans. bent: _Fitted of those that have a normal map."""
     errors = np.concatenate([fit.errors for fit in bent])
     weight = np.concatenate([np.full(len(fit.errors), fit.area / len(fit.errors)) for fit in bent])
     degrees = [round(value, 3) for value in quantiles(errors, weight, POINTS)]
@@ -171,7 +174,7 @@ def _judged(plans, bent, qp):
 
 
 def _mapped(frames, plan):
-    """The _Mapped of a plan, None where nothing of it is bent by a normal map."""
+    """Return the _Mapped of a plan, None if no face of it is bent by a normal map."""
     scene, surface, group = frames.scene, frames.surface, plan.group
     bent = np.array([NORMAL in material.maps and not material.unlit for material in scene.materials], bool)
     chosen = bent[surface.material[group.faces]]
@@ -188,8 +191,8 @@ def _mapped(frames, plan):
 
 
 def _frames_at(axes, bary):
-    """Frames at points, float64 [N, P, 3, 3], as a shader makes them of the corners', [N, 3, 3, 3]: directions and hands are
-    interpolated, and made unit."""
+    """Return frames at points, float64 [N, P, 3, 3], as a shader interpolates them from the corners', [N, 3, 3, 3]: directions
+    and hands are interpolated, and normalised."""
     axes = axes.astype(np.float64)
     along, out = (np.einsum("pc,nck->npk", bary, axes[..., column]) for column in (0, 2))
     hand = np.einsum("pc,nc->np", bary, np.sign(np.linalg.det(axes)))
@@ -198,22 +201,22 @@ def _frames_at(axes, bary):
 
 
 def _axes(tangent, normal):
-    """Frames [N, P, 3, 3] of tangents [N, P, 4] and normals [N, P, 3]."""
+    """Return frames [N, P, 3, 3] of tangents [N, P, 4] and normals [N, P, 3]."""
     along = tangent[..., :3]
     across = np.cross(normal, along) * np.where(tangent[..., 3:] < 0, np.float32(-1), np.float32(1))
     return np.stack([along, across, normal], axis=-1)
 
 
 def _errors(frames, parts, plans):
-    """Degrees between the normals that the source has and those of a decoder, at SAMPLES points evenly over the faces of
-    _Mapped parts, with the normal maps of their plans: float64 [N]."""
+    """Return degrees between the source's normals and those of a decoder, at SAMPLES points evenly over the faces of _Mapped
+    parts, with the normal maps of their plans: float64 [N]."""
     counts = [SAMPLES * float(part.area.sum()) / sum(float(each.area.sum()) for each in parts) for part in parts]
     return np.concatenate([_errors_of(frames, part, plan, max(round(count), 1))
                            for part, plan, count in zip(parts, plans, counts, strict=True)])
 
 
 def _errors_of(frames, mapped, plan, count):
-    """The same of one part, at so many points."""
+    """Return the same of one part, at `count` points."""
     edges = np.cumsum(mapped.area)
     at = np.minimum(np.searchsorted(edges, (np.arange(count) + 0.5) / count * edges[-1]), len(edges) - 1)
     bary = np.random.default_rng(0).dirichlet(np.ones(3), count)
@@ -227,13 +230,14 @@ def _errors_of(frames, mapped, plan, count):
 
 
 def _scale(frames, name, faces):
-    """Of a normal map on faces, float32 [N]."""
+    """Return the scale of a normal map on faces, float32 [N]."""
     of_material = [factor_of(material.parameters, BY_NAME[name].parameter)[0] for material in frames.scene.materials]
     return np.array(of_material, np.float32)[frames.surface.material[faces]]
 
 
 def _neighbours(place, size, wrap):
-    """Texels around places [N, 2], in texels of an image of `size`: (flat index int64 [N], weight float64 [N]) four times."""
+    """Return texels around places [N, 2], in texels of an image of `size`: (flat index int64 [N], weight float64 [N]) four
+    times."""
     low = np.floor(place - 0.5)
     share = place - 0.5 - low
     columns, rows = ([wrapped(low[:, k].astype(np.int64) + step, size[k], wrap[k]) for step in (0, 1)] for k in (0, 1))
@@ -243,7 +247,7 @@ def _neighbours(place, size, wrap):
 
 
 def _bilinear(group, name, place):
-    """x and y of a group's normal map, float32 [N, 2] in 0..255, at places [N, 2] in texels of the group's image."""
+    """Return x and y of a group's normal map, float32 [N, 2] in 0..255, at places [N, 2] in texels of the group's image."""
     image = group.maps[name]
     size = image.shape[1], image.shape[0]
     flat = image.reshape(-1, image.shape[2])
@@ -252,7 +256,7 @@ def _bilinear(group, name, place):
 
 
 def _turned(frames, mapped):
-    """(the plan with normal maps in the decoder's frame where faces are off, how many texels that changed)."""
+    """Return (the plan with normal maps in the decoder's frame for faces whose frames differ, the number of changed texels)."""
     off = mapped.apart > OFF
     if not off.any():
         return mapped.plan, 0
@@ -270,8 +274,8 @@ def _turned(frames, mapped):
 
 
 def _divided(mapped, faces):
-    """(uv float64 [M, 3, 2], matrices between the frames of their corners [M, 3, 3, 3], area [M]) of some faces, in parts where
-    what one needs changes from corner to corner: frames turn over on the middle line of mirrored models."""
+    """Return (uv float64 [M, 3, 2], matrices between the frames of their corners [M, 3, 3, 3], area [M]) of some faces, divided
+    if their matrices change from corner to corner: frames turn over on the middle line of mirrored models."""
     between = mapped.between(faces)
     bent = np.abs(between - between[:, :1]).max(axis=(1, 2, 3)) > OFF
     even, uneven = faces[~bent], faces[bent]

@@ -1,8 +1,9 @@
-"""Which rule makes each material's shading normals again, at what angle, and where edges are marked as sharp (encoder only).
+"""Choice of the rule by which a decoder derives each material's shading normals, of its angle, and of sharp edges to be marked
+(encoder only).
 
-A rule costs two bytes a material and nothing more. Where none comes near the source, the edges at which its normals differ are
-marked: 0.1 to 0.5 bits an edge, a thirtieth of what normals at vertices take through Draco (266 to 10,600 bytes on vintage_fan).
-Where that is not enough either, what the angle-weighed mean leaves over is coded for every group of corners.
+A rule costs two bytes a material and nothing more. If no rule comes near the source, the edges at which its normals differ are
+marked: 0.1 to 0.5 bits an edge, a thirtieth of the bytes of normals at vertices through Draco (266 to 10,600 bytes on
+vintage_fan). If that is not enough either, residuals to the angle-weighted mean are coded for every group of corners.
 """
 
 from __future__ import annotations
@@ -65,8 +66,8 @@ class CodedNormals:
 
 @dataclass(frozen=True)
 class Shading:
-    """How normals are made again. rules: one per material of the scene; marks: bool over the edges that are coded, data: their
-    bytes, None where no rule needs marks; coded: None where no rule is CODED."""
+    """The rules for normals. rules: one per material of the scene; marks: bool over the coded edges, data: their bytes, None if
+    no rule needs marks; coded: None if no rule is CODED."""
 
     rules: list[NormalRule]
     marks: np.ndarray | None = None
@@ -90,21 +91,21 @@ class Shading:
 
     @property
     def signature(self) -> tuple:
-        """Stands for all of it: hashable."""
+        """Hashable key of the whole shading."""
         coded = None if self.coded is None else (self.coded.step, self.coded.data)
         return tuple(self.rules), self.data, coded
 
     def corner_normals(self, surface: Surface) -> np.ndarray:
-        """Normals of a surface's corners as a decoder makes them, float32 [F, 3, 3]."""
+        """Return a decoder's normals at the corners of a surface, float32 [F, 3, 3]."""
         coded = None if self.coded is None else (self.coded.groups, self.coded.normals)
         return corner_normals(surface.lattice, surface.faces, self.rules, surface.material, self.marks, coded)
 
 
 def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, budget: int | None = None, attributes: float = 0.0,
                    step: Step = no_step) -> Decision[Shading]:
-    """The Shading of a scene on its lattice. Materials without light need none: theirs is the usual rule. Warns where errors stay
-    large. qp: of colours; budget: bytes of the whole stream, None where it has none; attributes: bytes that colours and maps are
-    likely to take, 0 where that is not known; step: of Report.stage()."""
+    """Return the Decision on the Shading of a scene on its lattice. Materials without light get the default rule. Warns if large
+    errors remain. qp: of colours; budget: bytes of the whole stream, None without one; attributes: bytes that colours and maps
+    are likely to take, 0 if unknown; step: of Report.stage()."""
     usual = FLAT if scene.flat else USUAL
     rules = [USUAL if m.unlit else usual for m in scene.materials]
     used = np.zeros(len(scene.materials), bool)
@@ -134,13 +135,13 @@ def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, budget: in
 
 
 def tolerance_of(qp: float) -> float:
-    """How many times ENOUGH has to be reached at a QP of colours."""
+    """Return the factor of ENOUGH that errors have to reach at a QP of colours."""
     return 2.0 ** ((qp - AT_QP) / DOUBLING)
 
 
 class _Target:
     """A surface and the source's normals on it. source: float64 [3 F, 3]; weight: float64 [3 F], area; material: int64 [3 F];
-    attributes: bytes of colours and maps, 0 where that is not known; shown: of a squared radian, over what coding leaves."""
+    attributes: bytes of colours and maps, 0 if unknown; shown: error of a squared radian, over the error of coding."""
 
     def __init__(self, scene, surface, qp, attributes):
         self.attributes, self.shown = attributes, shown_of_radians(scene.weights) / coding_mse(qp)
@@ -151,38 +152,38 @@ class _Target:
         self.materials = len(scene.materials)
 
     def step(self, count, tolerance):
-        """Of so many coded normals."""
+        """Return the step of `count` coded normals."""
         finest, usual = LEAST_STEP * tolerance, STEP * tolerance
         byte_price = self.attributes * self.shown  # 0 where nothing is known, or nothing shows
         wanted = UNITS * np.sqrt(PRICE * count / byte_price) if byte_price > 0 else usual
         return round(min(max(wanted, finest, 1), usual, MOST_STEP))
 
     def lost(self, error, chosen=...):
-        """dB of the picture in light that errors, in degrees at chosen corners, take away."""
+        """Return the dB of the picture in light that errors, in degrees at chosen corners, cost."""
         if not self.weight[chosen].any():
             return 0.0
         squared = np.average(np.radians(np.minimum(error[chosen], CLIP)) ** 2, weights=self.weight[chosen])
         return 10 * np.log10(1 + self.shown * float(squared))
 
     def worth(self, error):
-        """Bytes that may be spent on taking errors away."""
+        """Return the bytes that removing the errors is worth."""
         return self.attributes * (10 ** (self.lost(error) / DECIBELS) - 1)
 
     def errors(self, normals, chosen=...):
-        """Degrees between normals [N, 3] and the source's at chosen corners."""
+        """Return degrees between normals [N, 3] and the source's at chosen corners."""
         apart = normals - self.source[chosen]
         chord = np.sqrt(np.einsum("nk,nk->n", apart, apart))
         return np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1.0)))
 
     def scores(self, normals):
-        """Mean clipped error by material, float64 [M]; 0 where it has no surface."""
+        """Return the mean clipped error by material, float64 [M]; 0 if it has no surface."""
         total = np.bincount(self.material, np.minimum(self.errors(normals), CLIP) * self.weight, self.materials)
         area = np.bincount(self.material, self.weight, self.materials)
         return total / np.where(area > 0, area, 1.0)
 
 
 def _tried(surface, lit):
-    """The faces around some vertices of every material, all of them where it is small: rules look no further."""
+    """Return the faces around some vertices of every material, all of them if it is small: rules are tried there only."""
     each, chosen = max(TRIED_VERTICES // len(lit), TRIED_AT_LEAST), np.zeros(len(surface.lattice), bool)
     for material in lit if len(surface.lattice) > TRIED_VERTICES else ():
         vertices = np.unique(surface.faces[surface.material == material])
@@ -194,7 +195,7 @@ def _tried(surface, lit):
 
 
 def _search(rules, lit, whole, tried, step):
-    """The rules, with the one of the least error for each of the lit materials: among all at the tried corners, then the best of
+    """Return the rules, with the one of least error for each lit material: the best of all at the tried corners, then the best of
     every weight on the whole surface."""
     best = np.full((WEIGHTS, whole.materials), np.inf)
     angles = np.zeros(best.shape, np.int64)
@@ -224,8 +225,8 @@ def _search(rules, lit, whole, tried, step):
 
 
 def _measure(best, angles, materials, whole):
-    """Replaces the errors of materials under their best rules, which were seen at some corners, by those on the whole surface:
-    every rule is made once for all of them."""
+    """Replace the errors of materials under their best rules, measured at some corners, by those on the whole surface: normals by
+    every rule are computed once for all of them."""
     near = {(int(angles[weight, m]), weight, m) for m in materials for weight in range(WEIGHTS)
             if best[weight, m] <= NEAR * best[:, m].min() + 1e-3}
     for angle in sorted({angle for angle, _, _ in near}):
@@ -243,13 +244,13 @@ def _measure(best, angles, materials, whole):
 
 
 def _least(best, angles):
-    """The best rule of every material; the simplest where several are as good."""
+    """Return the best rule of every material; the simplest if several are as good."""
     first = (best < best.min(axis=0) + 1e-3).argmax(axis=0)
     return [NormalRule(JOINED, int(weight), int(angles[weight, m])) for m, weight in enumerate(first)]
 
 
 def _errors_of(rules, target, sharp=None):
-    """Degrees at every corner under the rules of the materials."""
+    """Return degrees at every corner under the rules of the materials."""
     out = np.zeros(len(target.source))
     by_rule: dict[NormalRule, list[int]] = {}
     for m, rule in enumerate(rules):
@@ -268,14 +269,14 @@ def _is_far(error, target, material, tolerance):
 
 
 def _is_noticed(error, target, material):
-    """Whether errors cost more of the picture than may be had for bytes; not where these are not known."""
+    """Return whether errors cost more of the picture than bytes could buy elsewhere; False if the bytes are unknown."""
     return bool(target.attributes) and target.lost(error, target.material == material) > NOTICED
 
 
 def _marked_or_coded(shading, far, target, error, tolerance, most=np.inf):
-    """(Shading, errors) of materials that are far from the source: over marked edges where that brings them closer, with coded
-    normals where it does not bring them close enough and residuals take at most so many bytes. All marks are of one set, so that
-    an edge between two is marked once."""
+    """Return (Shading, errors) of materials that are far from the source: over marked edges if these bring them closer, with
+    coded normals if marks are not enough and residuals take at most `most` bytes. All marks are a single set, so that an edge
+    between two materials is marked once."""
     sharp, rules = _differing(target), list(shading.rules)
     for m, rule in _rules_over_marks(far, target, error, sharp).items():
         rules[m] = rule
@@ -292,7 +293,7 @@ def _marked_or_coded(shading, far, target, error, tolerance, most=np.inf):
 
 
 def _over_marks(rules, target, sharp, tolerance):
-    """The Shading of rules some of which have marks; None where none has, or there is no edge to be marked."""
+    """Return the Shading of rules some of which have marks; None if none has, or there is no edge to mark."""
     edges, surface = target.fans.edges, target.surface
     marked = edges.touching(_asks_marks(rules, surface))
     if not marked.any():
@@ -302,12 +303,12 @@ def _over_marks(rules, target, sharp, tolerance):
 
 
 def _asks_marks(rules, surface):
-    """Faces whose rule has marks, bool [F]."""
+    """Return faces whose rule has marks, bool [F]."""
     return np.array([rule.has_marks for rule in rules], bool)[surface.material]
 
 
 def _rules_over_marks(far, target, error, sharp):
-    """{material: the rule over marks that brings it closer to the source}, of those that are far."""
+    """Return {material: the rule over marks that brings it closer to the source}, of the materials that are far from it."""
     fans = target.fans
     best, chosen = {m: WORTH * _score(error, target, m) for m in far}, {}
     for angle in MARKED_ANGLES:
@@ -322,7 +323,7 @@ def _rules_over_marks(far, target, error, sharp):
 
 
 def _coded(rules, target, sharp, tolerance):
-    """CodedNormals of the materials whose rule asks for them, None where none does. sharp: bool [E]."""
+    """Return the CodedNormals of the materials whose rule is CODED, None if there are none. sharp: bool [E]."""
     asking = np.array([rule.kind == CODED for rule in rules], bool)[target.surface.material]
     if not asking.any():
         return None
@@ -339,8 +340,8 @@ def _coded(rules, target, sharp, tolerance):
 
 
 def _differing(target):
-    """Edges at which the source's normals differ at one end or both, bool [E]; where more than two faces meet, between half of
-    those that face one way."""
+    """Return edges at which the source's normals differ at one end or both, bool [E]. If more than two faces meet, they have to
+    differ between half of those that face one way."""
     pairs, cosine, edge = target.fans.links
     differ = np.einsum("nk,nk->n", target.source[pairs[:, 0]], target.source[pairs[:, 1]]) < np.cos(np.radians(SAME))
     count, one_way = len(target.fans.edges), cosine >= 0
@@ -357,8 +358,8 @@ def _score(error, target, material):
 
 
 def _evidence(shading, lit, target, error, of_rules, scene):
-    """What the report says: degrees over the surface of lit materials at POINTS, under the usual rule, under the best rules alone
-    and as coded."""
+    """Return the evidence for the report: degrees over the surface of lit materials at POINTS, under the default rule, under the
+    best rules alone and as coded."""
     corners = np.isin(target.material, lit)
     before = _errors_of([USUAL] * target.materials, target)
     rows = [{"material": scene.materials[m].name, "rule": str(shading.rules[m]),
@@ -379,7 +380,7 @@ def _rounded(error, target, corners):
 
 
 def quantiles(error: np.ndarray, weight: np.ndarray, points: tuple[float, ...]) -> list[float]:
-    """Least errors that so many parts of the weight do not exceed; 0 where there is no weight. error, weight: float64 [N]."""
+    """Return the least errors that these shares of the weight do not exceed; 0 without weight. error, weight: float64 [N]."""
     order = np.argsort(error)
     total = np.cumsum(weight[order])
     if not len(total) or total[-1] <= 0:

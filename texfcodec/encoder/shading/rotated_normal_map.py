@@ -1,4 +1,4 @@
-"""Texels of normal maps in another frame: the mean of what all faces that show a texel need (encoder only)."""
+"""Texels of normal maps in another frame: the mean of the rotations that all faces showing a texel need (encoder only)."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ FRACTION_BITS = 4  # of UVs; faces are divided into parts before
 
 def mean_matrices(off: tuple[np.ndarray, np.ndarray, np.ndarray], others: tuple[np.ndarray, np.ndarray], scale: np.ndarray,
                   size: tuple[int, int], wrap: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """What the texels need that some faces show.
+    """Return the matrices for the texels that some faces show.
 
     Parameters
     ----------
     off : (float64 [N, 3, 2], float64 [N, 3, 3, 3], float64 [N])
-        UVs of faces that need something, what each of their corners needs, and their areas.
+        UVs of faces that need a rotation, the matrix of each of their corners, and their areas.
     others : (float64 [M, 3, 2], float64 [M])
         UVs and areas of the faces that need the unit matrix.
     scale : float64 [2]
-        Of UVs, to texels of the image.
+        From UVs to texels of the image.
     size, wrap : (int, int)
         (width, height) of the image; its modes.
 
     Returns
     -------
     (int64 [T], float64 [T, 3, 3])
-        Texels as flat indices into the image, and the mean, by area, of what all faces that show each need; none where the image
-        repeats too often (texel_means).
+        Texels as flat indices into the image, and the mean, by area, of the matrices of all faces that show each; none if the
+        image repeats too often (texel_means).
     """
     steps = [np.floor(uv * (scale * (1 << FRACTION_BITS)) + 0.5).astype(np.int64) for uv in (off[0], others[0])]
     means = texel_means(steps[0], off[1].reshape(-1, 3, 9), off[2], FRACTION_BITS, size, wrap)
@@ -41,7 +41,7 @@ def mean_matrices(off: tuple[np.ndarray, np.ndarray, np.ndarray], others: tuple[
 
 
 def turned_texels(texels: np.ndarray, matrices: np.ndarray, scale: float) -> np.ndarray:
-    """Tangent-space normals in other frames.
+    """Return tangent-space normals in other frames.
 
     Parameters
     ----------

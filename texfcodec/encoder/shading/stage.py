@@ -1,4 +1,4 @@
-"""Fourth stage: how a decoder makes normals and tangent frames again (encoder only)."""
+"""Fourth stage: the rules by which a decoder derives normals and tangent frames (encoder only)."""
 
 from __future__ import annotations
 
@@ -32,6 +32,6 @@ def shade(meshed: Meshed, budget: int | None, frames: Cache, report: Report) -> 
 
 
 def _without_uv_area(plans: list[TexelPlan]) -> np.ndarray:
-    """Faces over texels whose UVs, as they are coded, have no area: int64 [N] of the surface's."""
+    """Return faces over texels whose coded UVs have no area: int64 [N] of the surface's."""
     flat = [plan.group.faces[~has_uv_area(plan.corner_uv())] for plan in plans]
     return np.concatenate(flat) if flat else np.zeros(0, np.int64)

@@ -1,8 +1,8 @@
-"""Which parts of the surface become fields over texels, which over voxels, how fine both are, and how exact UVs: by the least
-bytes and error at the price of the rate (encoder only; price.py).
+"""Choice of the parts of the surface that become fields over texels or over voxels, of their resolution, and of the precision of
+UVs, by the least bytes and error at the price of the rate (encoder only; price.py).
 
-Every image may go over its texels, at its own size or half of it, or over voxels of any K of a ladder. Neither what is tried
-nor the price depends on what is taken elsewhere, so that a finer rate looks no worse.
+Every image may go over its texels, at its own size or half of it, or over voxels of any K of a ladder. Neither the candidates nor
+the price depend on choices elsewhere, so that a finer rate looks no worse.
 """
 
 from __future__ import annotations
@@ -65,7 +65,8 @@ MOST_ROWS = 1 << 27  # of texels that the faces of an image go over, a few secon
 
 @dataclass(frozen=True, kw_only=True)
 class SupportRequest:
-    """What the choice of supports reads of EncodeOptions, and finer: materials that came out too coarse before."""
+    """Fields of EncodeOptions that the choice of supports depends on, and finer: materials that were too coarse in an earlier
+    encode."""
 
     support: str
     texel_size: int | None
@@ -76,7 +77,7 @@ class SupportRequest:
 
     @classmethod
     def of(cls, options: EncodeOptions, finer: frozenset[int] = frozenset()) -> SupportRequest:
-        """The part of a request that the choice reads."""
+        """Return the part of a request that the choice depends on."""
         return cls(support=options.support, texel_size=options.texel_size, rate_is_free=options.rate_is_free,
                    mesh_is_free=options.mesh_is_free, is_joint=codec_of(options.codec).joint, finer=finer)
 
@@ -84,10 +85,10 @@ class SupportRequest:
 @dataclass(frozen=True, kw_only=True)
 class Supports:
     """plans: TexelPlans; resolution: K of the surface over voxels; qp_offset: of its values to the rate's QP; values: as of
-    Lagrangian; mse: squared error of colours and maps, None where these take no bytes; extra_bytes: cost above that of the best
-    supports on the source's mesh; bytes: of all that was tried, its geometry included; attributes: bytes that colours and maps
-    are likely to take, 0 where nothing was tried; colour_mse: squared error of colours and alpha alone, without a weight in
-    light, None where mse is."""
+    Lagrangian; mse: squared error of colours and maps, None if these take no bytes; extra_bytes: cost above that of the best
+    supports on the source's mesh; bytes: of all supports that were tried, their geometry included; attributes: bytes that colours
+    and maps are likely to take, 0 if nothing was tried; colour_mse: squared error of colours and alpha alone, without a weight in
+    light, None if mse is."""
 
     plans: list[TexelPlan]
     resolution: int
@@ -101,7 +102,7 @@ class Supports:
 
 
 class _ImageKey(NamedTuple):
-    """What the trials of an image depend on beside the scene."""
+    """Everything beside the scene that the trials of an image depend on."""
 
     number: int
     coder: tuple
@@ -112,9 +113,9 @@ class _ImageKey(NamedTuple):
 
 @dataclass(frozen=True)
 class _Candidate:
-    """An image group and what it would cost over texels and, where that was looked at, voxels. finer: whether it came out too
-    coarse before; voxels: the TrialCoding at K resolution; extra_bytes: that it costs more over voxels, on the source's mesh;
-    goes: whether it was chosen; evidence: for the report."""
+    """An image group and its costs over texels and, if they were tried, voxels. finer: whether it was too coarse in an earlier
+    encode; voxels: the TrialCoding at K resolution; extra_bytes: additional cost over voxels, on the source's mesh; goes: whether
+    it was chosen; evidence: for the report."""
 
     plan: TexelPlan
     texels: TrialCoding
@@ -126,12 +127,12 @@ class _Candidate:
     evidence: dict = field(default_factory=dict)
 
     def decided(self, over: str, reason: str, **more: Any) -> _Candidate:
-        """The candidate with its choice, "texels" or "voxels", and why."""
+        """Return the candidate with its choice, "texels" or "voxels", and the reason."""
         evidence = {**self.evidence, "texels": self.texels.evidence(), **more, "chosen": over, "reason": reason}
         return replace(self, goes=over == "texels", evidence=evidence)
 
     def over_voxels(self) -> _Candidate:
-        """The candidate over voxels, for the sake of a smaller mesh."""
+        """Return the candidate over voxels, for the sake of a smaller mesh."""
         reason = "voxels cost less with the smaller mesh that they allow" if self.goes else self.evidence["reason"]
         return replace(self, goes=False, evidence={**self.evidence, "chosen": "voxels", "reason": reason})
 
@@ -175,7 +176,7 @@ def choose_supports(prepared: Prepared, price: Lagrangian, request: SupportReque
 
 
 def reason_for_voxels(request: SupportRequest) -> str:
-    """Why only voxels are possible; "" if texels are."""
+    """Return why only voxels are possible; "" if texels are possible."""
     if request.is_joint:
         return "the codec does not support texels"
     if request.support == "texels" or request.rate_is_free:
@@ -227,7 +228,7 @@ class _Choice:
         return best, replace(all_voxels, value=replace(all_voxels.value, extra_bytes=extra))
 
     def _of_group(self, numbered):
-        """The _Candidate of an image group, decided; what the report says of it where a limit leaves it voxels alone."""
+        """Return the decided _Candidate of an image group; a row of the report instead if a limit leaves voxels alone."""
         number, group = numbered
         row = {"faces": len(group.faces), "materials": np.unique(self.surface.material[group.faces]).tolist(),
                "image": list(group.size)}
@@ -245,7 +246,7 @@ class _Choice:
             return {**row, "chosen": "voxels", "reason": str(error)}
 
     def _supports(self, decided, rows, colours, evidence):
-        """Supports of _Candidates, with what the report says. rows: of other images."""
+        """Return the Decision on Supports of _Candidates. rows: rows of the report of other images."""
         resolution, rest, voxels = self._resolution(decided, colours)
         plans, offset = [candidate.plan for candidate in decided if candidate.goes], rest.qp_offset if rest else 0
         groups = rows + [candidate.evidence for candidate in decided]
@@ -257,12 +258,12 @@ class _Choice:
         return Decision(supports, evidence | {"groups": groups, **voxels})
 
     def _is_finer(self, row):
-        """Whether a material of an image came out too coarse before."""
+        """Return whether a material of an image was too coarse in an earlier encode."""
         return bool(self.request.finer & set(row["materials"]))
 
     def _candidate(self, group: ImageGroup, row: dict, region: SampleRegion | None) -> _Candidate:
-        """The _Candidate of an image group, at the size and with the bits of UVs that cost the least. row: what the report says
-        of it before anything is tried. Raises LimitError."""
+        """Return the _Candidate of an image group, at the size and with the bits of UVs that cost the least. row: of the report,
+        before any trial. Raises LimitError."""
         plan = _plan(group, self._coded_size(group))
         keys = self._keys(plan)
         finer = self._is_finer(row)
@@ -277,7 +278,7 @@ class _Choice:
         return _Candidate(plan, texels, finer, evidence={**row, "size": list(plan.size)})
 
     def _decided(self, candidate, region):
-        """A candidate with the choice whether it costs less over texels."""
+        """Return a candidate with the choice of texels if they cost less."""
         group = candidate.plan.group
         if self.request.support == "texels":
             return replace(candidate, finer=False).decided("texels", "requested")
@@ -300,19 +301,20 @@ class _Choice:
         return candidate.decided("voxels" if candidate.extra_bytes < 0 else "texels", _reason(texels, voxels), voxels=row)
 
     def _cost(self, probe, region):
-        """Of a TrialCoding of a region, in bytes."""
+        """Return the cost of a TrialCoding of a region, in bytes."""
         return self.price.cost(probe.bytes, probe.error, region.weight)
 
     def _extra_bytes(self, trial, other, region, share):
-        """Bytes that a TrialCoding of a region costs more than a share of another, in light or in flat colours, where that is
-        more: what a file has stays where they disagree. Without limit where the other alone keeps the promise of the rate."""
+        """Return the additional bytes that a TrialCoding of a region costs against a share of another, in light or in flat
+        colours, whichever is more: if they disagree, the file keeps its texels. Infinite if the other alone keeps the promise of
+        the rate."""
         if self.trials.keeps_promise(trial, region) != self.trials.keeps_promise(other, region):
             return -math.inf if self.trials.keeps_promise(trial, region) else math.inf
         pairs = (trial, other), (trial.flat, other.flat)
         return max(self._cost(a, region) - share * self._cost(b, region) for a, b in pairs)
 
     def _best_size(self, plan, keys, region, is_fixed):
-        """(plan, TrialCoding) of the plan's size, or of half of it where that costs clearly less; of a large image a quarter
+        """Return (plan, TrialCoding) of the plan's size, or of half of it if that costs clearly less; of a large image a quarter
         too."""
         probe = self.trials.texels(region, plan, keys, TEXEL_CELL)
         if is_fixed or self.request.texel_size is not None or region.texels_per_edge(REFERENCE_K) < COARSE:
@@ -329,7 +331,8 @@ class _Choice:
         return plan, probe
 
     def _best_bits(self, plan, probe, region, uv_bytes, finer):
-        """(plan, TrialCoding) with the bits of UVs below the texel that cost the least. uv_bytes: of each."""
+        """Return (plan, TrialCoding) with the bits of UVs below the texel that cost the least. uv_bytes: of each number of
+        bits."""
         errors = rounding_errors(region, plan)
         bits = int(np.argmin([self.price.cost(uv_bytes * k, error, region.weight) for k, error in enumerate(errors)]))
         if self.trials.keeps_promise(probe, region):
@@ -338,7 +341,8 @@ class _Choice:
         return plan, replace(probe, mse=probe.mse + errors[plan.fraction_bits])
 
     def _keys(self, plan):
-        """Keys of the texels that a plan covers. Raises LimitError, where voxels would do even before the limit on samples."""
+        """Return keys of the texels that a plan covers. Raises LimitError; if voxels are an alternative, already at the limit on
+        samples."""
         uv = plan.corner_uv().reshape(-1, 2)
         corners, most = np.arange(len(uv)).reshape(-1, 3), self.price.limits.samples
         if self.request.support == "auto":
@@ -351,21 +355,21 @@ class _Choice:
         return tuple(max(1, round(side * wanted / longest)) for side in group.size)
 
     def _mse(self, probes):
-        """Supports.mse, of the TrialCodings of what was chosen."""
+        """Return Supports.mse, of the TrialCodings of the chosen candidates."""
         attributes = sum(probe.attributes for probe in probes)
         if not attributes:
             return None
         return max(sum(probe.attributes * probe.mse for probe in probes) / attributes, self.price.coding_mse / 4)
 
     def _colour_mse(self, probes):
-        """Supports.colour_mse, of the TrialCodings of what was chosen."""
+        """Return Supports.colour_mse, of the TrialCodings of the chosen candidates."""
         attributes = sum(probe.attributes for probe in probes)
         weight = self.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight)
         return sum(probe.attributes * probe.mse for probe in probes) / attributes / weight if attributes and weight else None
 
     def _best_voxels(self, region, fixed, most=np.inf):
-        """(K, TrialCodings by K): down or up the ladder, from where voxels have the rate's QP, for as long as they cost less.
-        fixed: bytes of the geometry; most: cost from which on no other K is tried."""
+        """Return (K, TrialCodings by K). The search goes down or up the ladder, from the K at which voxels have the rate's QP, as
+        long as they cost less. fixed: bytes of the geometry; most: cost from which on no other K is tried."""
         ladder, tried = self._ladder(region), {}
         first = best = min(range(len(ladder)), key=lambda i: abs(self.price.qp_offset(region.voxels(ladder[i]), region.weight)))
 
@@ -381,25 +385,25 @@ class _Choice:
         return ladder[best], tried
 
     def _ladder(self, region):
-        """Values of K that voxels of a region may have."""
+        """Return the values of K that voxels of a region may have."""
         most = min(self.price.resolution, self._most_resolution(region))
         return [k for k in LADDER if k <= most] or LADDER[:1]
 
     def _most_resolution(self, region):
-        """The finest K with no more than MOST_VOXELS of a region, roughly; LADDER's coarsest at least. A surface without area
-        has no region, and sets no bound."""
+        """Return the finest K with no more than MOST_VOXELS of a region, roughly; at least LADDER's coarsest. A surface without
+        area has no region, and sets no bound."""
         if region is None:
             return MOST_RESOLUTION
         most = min(self.price.limits.voxels or MOST_VOXELS, MOST_VOXELS)
         return max(int(REFERENCE_K * (most / max(region.voxels(REFERENCE_K), 1)) ** 0.5), LADDER[0])
 
     def _rows(self, tried, chosen, region):
-        """What the report says of TrialCodings by K, the chosen one last."""
+        """Return the rows of the report on TrialCodings by K, the chosen one last."""
         return [{"resolution": k, **tried[k].evidence(), "cost": round(self._cost(tried[k], region))}
                 for k in sorted(tried, key=lambda k: (k == chosen, k))]
 
     def _resolution(self, decided, colours):
-        """(K of what stays over voxels, the TrialCoding of that, None where it was not looked at, evidence). decided:
+        """Return (K of the remaining surface over voxels, its TrialCoding, None if there was no trial, evidence). decided:
         _Candidates."""
         usual, free = self.price.resolution, self.request.rate_is_free
         chosen = [candidate.plan.group.faces for candidate in decided if candidate.goes]
@@ -424,7 +428,7 @@ class _Choice:
 
 
 def _values_of(scene, surface, groups, colours):
-    """Lagrangian.values of a scene."""
+    """Return Lagrangian.values of a scene."""
     rest = ~np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(group.faces for group in groups)]))
     return reference_values(surface, groups, rest & (not is_uniform(scene, colours, surface.material[rest])))
 
@@ -442,18 +446,18 @@ def _reason(texels, voxels):
 
 
 def _geometry_bytes(plan, surface):
-    """(bytes of the group's geometry alone, with its UVs), as one Draco unit."""
+    """Return the bytes of a group's geometry alone, with its UVs, as one Draco unit."""
     faces, bits = surface.faces[plan.group.faces], surface.cube.position_bits
     return draco_bytes(surface.lattice, faces, bits), draco_bytes(surface.lattice, faces, bits, plan.corner_uv())
 
 
 def _coarsest(price, request):
-    """K for one colour."""
+    """Return K for a single colour."""
     return min(price.resolution, COARSEST_K) if request.rate_is_free else price.resolution
 
 
 def moved_plans(plans: list[TexelPlan], scene: Scene, surface: Surface) -> list[TexelPlan]:
-    """The plans on another lattice, where the same groups may have other faces."""
+    """Return the plans on another lattice, on which the same groups may have other faces."""
     out, groups = [], image_groups(scene, surface) if plans else []
     for plan in plans:
         same = next((g for g in groups if g.key == plan.group.key), None)
@@ -465,7 +469,7 @@ def moved_plans(plans: list[TexelPlan], scene: Scene, surface: Surface) -> list[
 
 
 def without_faces(surface: Surface, gone: np.ndarray) -> Surface:
-    """A surface without some of its faces. gone: bool [F]."""
+    """Return a surface without some of its faces. gone: bool [F]."""
     if not gone.any():
         return surface
     return replace(surface, faces=surface.faces[~gone], origin_face=surface.origin_face[~gone], material=surface.material[~gone])

@@ -1,4 +1,4 @@
-"""Images that the surface shows through its UVs: what may become fields over texels (encoder only)."""
+"""Images that the surface shows through its UVs: candidates for fields over texels (encoder only)."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ MOST_SPREAD = 0.02  # of linear vertex colours within a texel, 0..1: more of it 
 
 @dataclass(frozen=True)
 class ImageGroup:
-    """Faces that one image colours. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64
-    [4], linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image; palette:
-    whether it is one texel for each colour; nearest: whether its texels are squares of one colour (Texture.nearest); maps: uint8
-    [h, w, 4] of further channels by name, with the same UVs, none larger; key: what tells it from others; smaller: a cache of the
-    image at other sizes, float32 [h, w, 4] by (width, height)."""
+    """Faces that share an image. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64 [4],
+    linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image; palette: whether
+    it is one texel for each colour; nearest: whether its texels are squares of one colour (Texture.nearest); maps: uint8 [h, w,
+    4] of further channels by name, with the same UVs, none larger; key: identity among groups; smaller: a cache of the image at
+    other sizes, float32 [h, w, 4] by (width, height)."""
 
     faces: np.ndarray
     image: np.ndarray
@@ -53,8 +53,8 @@ class ImageGroup:
         return self.image.shape[1], self.image.shape[0]
 
     def values(self, texels: np.ndarray) -> np.ndarray:
-        """Texels of the image with its factor. texels: uint8 [..., 4]. Returns float32 [..., 4] in 0..255, colour sRGB-coded,
-        straight alpha; whole numbers where the factor is 1."""
+        """Return texels of the image with its factor, float32 [..., 4] in 0..255, colour sRGB-coded, straight alpha; whole
+        numbers if the factor is 1. texels: uint8 [..., 4]."""
         out = np.empty(texels.shape, np.float32)
         for c in range(4):
             out[..., c] = self._curve(c)[texels[..., c]]
@@ -62,7 +62,7 @@ class ImageGroup:
 
     def resampled(self, image: np.ndarray, weight: np.ndarray, size: tuple[int, int], wrap: tuple[int, int],
                   threads: int = 1) -> np.ndarray:
-        """A part of the image with its factor at another size; see resample.resampled. Constant alpha needs no fit."""
+        """Return a part of the image with its factor at another size; see resample.resampled. Constant alpha needs no fit."""
         values = self.values(image)
         if values[..., 3].min() == values[..., 3].max():
             out = np.full((size[1], size[0], 4), values[0, 0, 3], np.float32)
@@ -71,7 +71,7 @@ class ImageGroup:
         return resampled(values, weight, size, wrap, threads)
 
     def _curve(self, channel):
-        """What each of the 256 coded values becomes, by the rule of scene.fetch."""
+        """Return the value that each of the 256 coded values becomes, by the rule of scene.fetch."""
         coded, gain = np.arange(256) / 255, self.factor[channel]
         if channel == 3:
             return np.full(256, 255.0) if self.opaque else np.clip(255 * coded * gain, 0, 255)
@@ -82,9 +82,9 @@ class ImageGroup:
 
 
 def brought_near(uv: np.ndarray, size: tuple[int, int], wrap: tuple[int, int]) -> np.ndarray:
-    """UVs of faces in texels of an image of `size` (width, height), float64 [F, 3, 2]. Where together they reach further than
-    a unit of the stream has room for, faces far from the median are moved by whole periods of the image, which changes no
-    picture because it repeats there."""
+    """Return UVs of faces in texels of an image of `size` (width, height), float64 [F, 3, 2]. If together they reach further than
+    a unit of the stream has room for, faces far from the median are moved by whole periods of the image, which changes no picture
+    because it repeats there."""
     out, sound = uv.copy(), np.isfinite(uv).all(axis=(1, 2))
     for axis in range(2) if sound.any() else ():
         low = uv[sound, :, axis].min(axis=1)
@@ -98,10 +98,12 @@ def brought_near(uv: np.ndarray, size: tuple[int, int], wrap: tuple[int, int]) -
 
 
 def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
-    """The groups of a surface: faces whose images (by content), wrap modes, factor and use of alpha are the same; one for the
-    faces of a material with vertex colours, these in its texels; and one palette for the faces of materials without an image.
-    Faces without any image whose vertices have colours, those that share texels and not colours, with UVs that are not finite or
-    too far out, or whose images differ in UVs or wrap modes are in none."""
+    """Return the groups of a surface: faces with the same images (by content), wrap modes, factor and use of alpha; one group for
+    the faces of a material with vertex colours, these in its texels; and one palette for the faces of materials without an image.
+
+    Some faces are in no group: those without any image whose vertices have colours, those that share texels but not colours,
+    those with UVs that are not finite or too far out, and those whose images differ in UVs or wrap modes.
+    """
     groups: dict[tuple, list[tuple]] = {}
     painted: list[ImageGroup | None] = []
     plain = _plain_faces(scene, surface)
@@ -126,17 +128,17 @@ def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
 
 
 def _is_nearest(scene, material):
-    """Whether a material's base colour shows texels as squares."""
+    """Return whether a material's base colour shows texels as squares."""
     return material.texture >= 0 and scene.textures[material.texture].nearest
 
 
 def _textures_of(material):
-    """Textures of a material by channel name, "" standing for the base colour."""
+    """Return textures of a material by channel name, "" for the base colour."""
     return {**({"": material.texture} if material.texture >= 0 else {}), **material.maps}
 
 
 def _goes_together(scene, surface, material, faces):
-    """Whether the images of a material can be one field: none too large, the same wrap modes and UVs."""
+    """Return whether the images of a material can be one field: none too large, the same wrap modes and UVs."""
     textures = [scene.textures[t] for t in _textures_of(material).values()]
     if any(max(t.image.shape[:2]) > MAX_SIDE or tuple(t.wrap) != tuple(textures[0].wrap) for t in textures):
         return False
@@ -146,7 +148,7 @@ def _goes_together(scene, surface, material, faces):
 
 
 def _palette(scene, surface, plain):
-    """The group of the faces that show a material's factor alone, each at the centre of its material's texel; None without
+    """Return the group of the faces that show a material's factor alone, each at the centre of its material's texel; None without
     any."""
     flat = np.array([not _textures_of(m) for m in scene.materials], bool)
     faces = np.flatnonzero(plain & flat[surface.material])
@@ -161,7 +163,7 @@ def _palette(scene, surface, plain):
 
 
 def _shown(material):
-    """What a material without an image shows: RGBA in 0..255, colour sRGB-coded."""
+    """Return the colour of a material without an image: RGBA in 0..255, colour sRGB-coded."""
     rgb = linear_to_srgb(np.clip(material.factor[:3], 0, 1)) * 255
     return [*rgb, 255.0 if material.alpha_mode == ALPHA_OPAQUE else float(np.clip(material.factor[3], 0, 1)) * 255]
 
@@ -181,8 +183,8 @@ def _group(scene, surface, parts, key):
 
 
 def _painted(scene, surface, part, key):
-    """The group of faces with vertex colours, (int64 [F], their material): its image with the colours in its texels; None where
-    faces of different colours share texels."""
+    """Return the group of faces with vertex colours, (int64 [F], their material): its image with the colours in its texels; None
+    if faces of different colours share texels."""
     group = _group(scene, surface, [part], key)
     steps = np.floor(group.uv * (1 << PAINT_BITS) + 0.5).astype(np.int64)
     colour = scene.corner_color[surface.origin_face[group.faces]].astype(np.float64)
@@ -199,7 +201,8 @@ def _painted(scene, surface, part, key):
 
 
 def _leading_image(scene, material, maps):
-    """(base colour image uint8 [H, W, 4], its factor), not smaller than any of the maps; where there is none, of one colour."""
+    """Return (base colour image uint8 [H, W, 4], its factor), not smaller than any of the maps; an image of a single colour if
+    there is none."""
     sizes = [image.shape[:2] for image in maps.values()]
     if material.texture < 0:
         return np.broadcast_to(np.rint(_shown(material)).astype(np.uint8), (*np.max(sizes, axis=0).tolist(), 4)), np.ones(4)
@@ -213,14 +216,14 @@ def _leading_image(scene, material, maps):
 
 
 def _plain_faces(scene, surface):
-    """Faces without vertex colours, or with white ones."""
+    """Return faces without vertex colours, or with white ones."""
     if scene.corner_color is None:
         return np.ones(len(surface.faces), bool)
     return (scene.corner_color[surface.origin_face] == 1).all(axis=(1, 2))
 
 
 def _digests(textures):
-    """What tells images apart by their content; a single one needs no look."""
+    """Return digests of the contents of images; a single image needs none."""
     if len(textures) == 1:
         return [b""]
     return [_digest(t.image) for t in textures]

@@ -1,4 +1,4 @@
-"""What a support would cost and how well it would look, measured on small pieces of the surface (encoder only).
+"""Cost and quality of a support, measured on small pieces of the surface (encoder only).
 
 Around a few points spread evenly by area and contrast, cells of the support are cut out, filled from the source, coded and
 decoded at the QP at hand. Bits per value and the error at surface points well inside these cells stand for the whole: bytes come
@@ -53,10 +53,10 @@ LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.
 
 @dataclass(frozen=True)
 class TrialCoding:
-    """values: of the whole; bits: per value; mse: at surface points, after coding; qp_offset: to the rate's QP, that it was coded
-    with; fixed: bytes beside the values; maps: TrialCodings of further channels, by name; uncoded: squared error before coding;
-    alpha: what of mse is alpha's; slopes: what a step of QP takes from the bits and adds to the error of coding, as log2, (0, 0)
-    where that was not measured."""
+    """values: number on the whole surface; bits: per value; mse: at surface points, after coding; qp_offset: of the trial to the
+    rate's QP; fixed: bytes beside the values; maps: TrialCodings of further channels, by name; uncoded: squared error before
+    coding; alpha: the part of mse that is alpha's; slopes: log2 changes of the bits (less) and of the error of coding (more) with
+    a step of QP, (0, 0) if not measured."""
 
     values: int
     bits: float
@@ -69,7 +69,7 @@ class TrialCoding:
     slopes: tuple[float, float] = (0.0, 0.0)
 
     def at(self, steps: int) -> TrialCoding:
-        """What it would be at a QP that is coarser by some steps, by its slopes."""
+        """Return the trial at a QP that is coarser by some steps, by its slopes."""
         saved, added = self.slopes
         mse = self.uncoded + (self.mse - self.uncoded) * 2.0 ** (added * steps)
         alpha = self.alpha * mse / self.mse if self.mse else 0.0
@@ -83,12 +83,12 @@ class TrialCoding:
 
     @property
     def bytes(self) -> float:
-        """Of the values and beside them."""
+        """Bytes of the values and fixed bytes."""
         return self.attributes + self.fixed
 
     @property
     def error(self) -> float:
-        """Squared error of the shaded picture by all channels, where the surface in question is seen."""
+        """Squared error of the shaded picture by all channels, over the surface of the trial."""
         return self.mse + sum(trial.error for trial in self.maps.values())
 
     @property
@@ -98,11 +98,11 @@ class TrialCoding:
 
     @property
     def flat(self) -> TrialCoding:
-        """Of base colour and alpha alone, as pictures without light show them."""
+        """Squared error of base colour and alpha alone, as pictures without light show them."""
         return replace(self, maps={})
 
     def evidence(self) -> dict:
-        """What the report says of it."""
+        """Return the entry of the report."""
         channels = {name: round(decibels(max(trial.mse, 1e-4)), 2) for name, trial in self.maps.items()}
         return {"values": self.values, "attribute_bytes": round(self.attributes), "geometry_bytes": round(self.fixed),
                 "qp_offset": self.qp_offset, "psnr_y": round(decibels(max(self.colour, 1e-4)), 2),
@@ -110,9 +110,9 @@ class TrialCoding:
 
 
 class SampleRegion:
-    """The part of a surface that is asked: a scene's faces with evenly spread points on them. faces: int64 [F] into surface's;
-    name: of the channel, None for base colour and alpha; maps: the patches of further channels by name; weight: of its squared
-    error in that of the picture, its share of the surface's area unless told otherwise."""
+    """The sampled part of a surface: a scene's faces with evenly spread points on them. faces: int64 [F] into surface's; name: of
+    the channel, None for base colour and alpha; maps: the regions of further channels by name; weight: of its squared error in
+    that of the picture, by default its share of the surface's area."""
 
     def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, threads: int, name: str | None = None) -> None:
         self.scene, self.surface, self.faces, self.threads, self.name = scene, surface, faces, threads, name
@@ -128,19 +128,19 @@ class SampleRegion:
         self.weight = self.area / float(self._areas.sum())
 
     def packed(self, faces: np.ndarray) -> tuple:
-        """The source of the channel on some faces of the surface, int64 [F]."""
+        """Return the source of the channel on some faces of the surface, int64 [F]."""
         rows = self.surface.origin_face[faces]
         return pack_source(self.scene, rows) if self.name is None else pack_map(self.scene, self.name, rows)
 
     def values(self, rgba: np.ndarray) -> np.ndarray:
-        """What is coded of colours float32 [N, 4] of packed()."""
+        """Return the coded values of colours float32 [N, 4] of packed()."""
         if self.name is None:
             return np.ascontiguousarray(rgba[:, : 3 if self.colour[:, 3].min() == 255 else 4])
         return np.ascontiguousarray(rgba[:, map_columns(self.name)])
 
     @property
     def area(self) -> float:
-        """In squared lattice steps."""
+        """Area in squared lattice steps."""
         return float(self._areas[self.faces].sum())
 
     @cached_property
@@ -148,19 +148,19 @@ class SampleRegion:
         return face_areas(self.surface.lattice, self.surface.faces)
 
     def voxels(self, resolution: int) -> int:
-        """How many there are at a resolution, roughly."""
+        """Return the rough number of voxels at a resolution."""
         return round(self.area * (resolution / (1 << self.surface.cube.position_bits)) ** 2 * VOXELS_PER_AREA)
 
     def texels_per_edge(self, resolution: int) -> float:
-        """Texels along an edge of a voxel, as field.transfer.texels_per_edge, of the finest channel."""
+        """Return texels along an edge of a voxel, as field.transfer.texels_per_edge, of the finest channel."""
         surface, faces = self.surface, self.surface.faces[self.faces]
         own = texels_per_edge(surface.lattice, faces, self.source, surface.cube.position_bits, resolution)
         return max([own, *(region_of_map.texels_per_edge(resolution) for region_of_map in self.maps.values())])
 
     def mse(self, chosen: np.ndarray, got: np.ndarray, stands_for: np.ndarray | None = None) -> float:
-        """Mean squared error at chosen points, of Y and, where it is there, of alpha; of a map the mean over its components by
-        its weight. got: float32 [n, C], of values(); stands_for: float64 [n], how much of the surface each point does, None for
-        as much each."""
+        """Return the mean squared error at chosen points, of Y and, if it is coded, of alpha; of a map the mean over its
+        components by its weight. got: float32 [n, C], of values(); stands_for: float64 [n], area of the surface that each point
+        stands for, None if all are equal."""
         if not len(chosen):
             return 0.0
         shares = np.ones(len(chosen)) if stands_for is None else stands_for
@@ -174,15 +174,15 @@ class SampleRegion:
         return self.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight) * error.mse()["y"] + alpha
 
     def alpha_mse(self, chosen: np.ndarray, got: np.ndarray, stands_for: np.ndarray) -> float:
-        """Mean squared error of alpha at chosen points, 0 where it is not coded; arguments as of mse()."""
+        """Return the mean squared error of alpha at chosen points, 0 if it is not coded; arguments as of mse()."""
         if self.name is not None or got.shape[1] < 4 or not len(chosen):
             return 0.0
         return float(np.average((self.colour[chosen, 3] - got[:, 3]) ** 2, weights=stands_for))
 
 
 class _Points(NamedTuple):
-    """Where a TrialCoding's error is measured. chosen: int64 [n] of the region's points; stands_for: float64 [n], how much of the
-    surface each does; query: what a plane shows there, float32 [n, C]."""
+    """Points at which a TrialCoding's error is measured. chosen: int64 [n] of the region's points; stands_for: float64 [n], area
+    that each stands for; query: function that returns the values of a plane there, float32 [n, C]."""
 
     chosen: np.ndarray
     stands_for: np.ndarray
@@ -190,8 +190,8 @@ class _Points(NamedTuple):
 
 
 def _probed(region, values, plane, support, coder, points):
-    """TrialCoding of a plane float32 [N, C] that stands for so many values, coded at the coder's QP and, for its slopes, APART
-    from it. points: _Points."""
+    """Return the TrialCoding of a plane float32 [N, C] that stands for so many values, coded at the coder's QP and, for its
+    slopes, APART from it. points: _Points."""
     (bits, decoded), (fewer, coarser) = (_coded(plane, support, region, coder.shifted(steps)) for steps in (0, APART))
     at, chosen, shares = points.query(decoded), points.chosen, points.stands_for
     mse, more, uncoded = (region.mse(chosen, got, shares) for got in (at, points.query(coarser), points.query(plane)))
@@ -202,7 +202,7 @@ def _probed(region, values, plane, support, coder, points):
 
 
 def _coded(plane, support, region, quality):
-    """(bits per value, decoded) of float32 [N, C]: a map, or colour, and alpha where it is there, by itself."""
+    """Return (bits per value, decoded) of float32 [N, C]: a map, or colour and, if it is there, alpha by itself."""
     decoded, size, name = [], 0, region.name
     parts = [plane] if name is not None else np.split(plane, [3], axis=1)[: plane.shape[1] - 2]
     channels = COLOURS if name is None else (BY_NAME[name],)
@@ -216,22 +216,22 @@ def _coded(plane, support, region, quality):
 
 
 class _Cells(NamedTuple):
-    """Cells of a grid that stand for all. keys: Morton keys int64 [K], ascending; stands_for: float64 [K], how much of the
-    surface a point of each does."""
+    """Cells of a grid that stand for all. keys: Morton keys int64 [K], ascending; stands_for: float64 [K], area of the surface
+    that a point of each cell stands for."""
 
     keys: np.ndarray
     stands_for: np.ndarray
 
     def of_points(self, keys):
-        """stands_for of points that are in cells, int64 [n]."""
+        """Return stands_for of points that are in cells, int64 [n]."""
         return self.stands_for[np.searchsorted(self.keys, keys)]
 
 
 def _sampled_cells(region, places, cell, most, held=None):
-    """Up to so many _Cells that a region's points are in, at places int64 [M, d]. Cells are taken evenly from the smoothest to
-    the one with the most contrast, as where detail is rare chance would miss it, and by the values that they hold, so that bits
-    are those of all; a point of a cell that holds few for its surface stands for more. held: ascending keys of values, int64 [N];
-    without them a cell holds as many as it has points."""
+    """Return up to `most` _Cells of a region's points, at places int64 [M, d]. Cells are taken evenly from the smoothest to the
+    one with the most contrast, because chance would miss rare detail, and by their number of values, so that bits are those of
+    all; a point of a cell with few values for its surface stands for more. held: ascending keys of values, int64 [N]; without
+    them a cell has as many as points."""
     keys, own, counts = np.unique(_cell_keys(places, cell), return_inverse=True, return_counts=True)
     contrast = np.zeros(len(counts))
     for part in (region, *region.maps.values()):
@@ -249,21 +249,21 @@ def _sampled_cells(region, places, cell, most, held=None):
 
 
 def _cell_keys(places, cell):
-    """Morton keys of the cells of places, int64 [M, 2 or 3]."""
+    """Return Morton keys of the cells of places, int64 [M, 2 or 3]."""
     flat = np.zeros((len(places), 3), np.int64)
     flat[:, : places.shape[1]] = places >> cell
     return encode_morton(flat)
 
 
 def _within(keys, cells, cell):
-    """Those of ascending keys that are in one of the cells: each is a run of keys."""
+    """Return those of ascending keys that are in one of the cells: each is a run of keys."""
     ends = np.searchsorted(keys, np.concatenate([cells, cells + 1]) << 3 * cell)
     return np.concatenate([keys[a:b] for a, b in zip(ends[: len(cells)], ends[len(cells) :], strict=True)])
 
 
 def _well_inside(place, cell, cells):
-    """Numbers of the places, float64 [M, d], that are in one of the cells, with all that interpolation asks around them where
-    there are such."""
+    """Return the numbers of the places, float64 [M, d], that are in one of the cells, with all neighbours that interpolation
+    needs if there are such places."""
     whole = np.floor(place).astype(np.int64)
     rest, there = place - (whole >> cell << cell), np.isin(_cell_keys(whole, cell), cells)
     inner = np.flatnonzero(((rest >= 1) & (rest <= (1 << cell) - 1)).all(axis=1) & there)
@@ -271,7 +271,7 @@ def _well_inside(place, cell, cells):
 
 
 def probe_texels(region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int, coder: Coder) -> TrialCoding:
-    """TrialCoding of a TexelPlan. keys: int64 [N], the texels that it asks; cell: log2 of a cell's side."""
+    """Return the TrialCoding of a TexelPlan. keys: int64 [N], the texels that it covers; cell: log2 of a cell's side."""
     texel = np.einsum("nc,ncd->nd", region.bary, plan.group.uv[region.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
     sample = _sampled_cells(region, place.astype(np.int64), cell, TEXEL_CELLS, keys)
@@ -288,14 +288,14 @@ def probe_texels(region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: 
 
 
 def _texels_of(plan, region, support):
-    """Values of the texels of a support, float32 [N, C]."""
+    """Return values of the texels of a support, float32 [N, C]."""
     if region.name is not None:
         return _texels_of_map(plan, region, support)
     return region.values(plan.values(region.surface, support.xy(), region.threads))
 
 
 def _texels_of_map(plan, region, support):
-    """As _texels_of: means of the texels of the image that are in each, or the one that its centre is in."""
+    """Return the same of a map: the mean of the image texels in each texel of the support, or the texel that its centre is in."""
     image, xy = plan.group.maps[region.name], support.xy()
     ratio = image.shape[1] / plan.size[0]
     steps = max(int(ratio), 1)
@@ -309,7 +309,7 @@ def _texels_of_map(plan, region, support):
 
 
 def _wrapped(place, size, mode):
-    """Coordinates in texels brought into 0..size."""
+    """Return coordinates in texels brought into 0..size."""
     if mode == WRAP_CLAMP:
         return np.clip(place, 0, size)
     if mode == WRAP_REPEAT:
@@ -318,8 +318,8 @@ def _wrapped(place, size, mode):
 
 
 def probe_voxels(region: SampleRegion, resolution: int, cell: int, coder: Coder, price: Lagrangian) -> TrialCoding:
-    """TrialCoding of voxels at a resolution. cell: log2 of a cell's side; price: for the area threshold, the density of the
-    transfer, and whether a surface fit may follow it."""
+    """Return the TrialCoding of voxels at a resolution. cell: log2 of a cell's side; price: for the area threshold, the density
+    of the transfer, and whether a surface fit may follow it."""
     surface, bits = region.surface, region.surface.cube.position_bits
     grid = region.points * (resolution / (1 << bits))
     sample = _sampled_cells(region, grid.astype(np.int64), cell, VOXEL_CELLS)
@@ -350,8 +350,8 @@ def probe_voxels(region: SampleRegion, resolution: int, cell: int, coder: Coder,
 
 @kernel(allocates=True)
 def _near_cells(lattice, faces, scale, low, high):
-    """bool [F]: whether the box of a face reaches into one of the boxes from low to high, int64 [N, 3]. scale: of the lattice to
-    their grid."""
+    """Return whether the box of a face reaches into one of the boxes from low to high, int64 [N, 3]: bool [F]. scale: of the
+    lattice to their grid."""
     near, least, most = np.zeros(len(faces), np.bool_), np.empty(3), np.empty(3)
     for f in range(len(faces)):
         for c in range(3):
@@ -364,8 +364,8 @@ def _near_cells(lattice, faces, scale, low, high):
 
 
 def _faces_near(lattice, faces, scale, cells, cell):
-    """Numbers of the faces whose boxes reach into one of the cells. lattice: int64 [V, 3]; faces: int64 [F, 3]; scale: of the
-    lattice to the grid of the cells."""
+    """Return the numbers of the faces whose boxes reach into one of the cells. lattice: int64 [V, 3]; faces: int64 [F, 3]; scale:
+    of the lattice to the grid of the cells."""
     place = decode_morton(cells).astype(np.int64)
     low, high = (place << cell) - 1, (place + 1 << cell) + 1
     return np.flatnonzero(_near_cells(lattice, faces, scale, np.ascontiguousarray(low), np.ascontiguousarray(high)))

@@ -1,7 +1,7 @@
-"""How many values a source has, whatever will be coded of it: what the price of a byte is about (encoder only).
+"""Number of values of a source, whatever will be coded of it: the base of the price of a byte (encoder only).
 
-Where a step is the same, so is what a bit of values buys, in squared error of values: fewer values on the same surface mean that
-each bit shows on more of the picture. That number must not depend on any choice, or a finer rate could be a cheaper one.
+At the same step a bit of values buys the same squared error of values: with fewer values on the same surface each bit shows on
+more of the picture. That number must not depend on any choice, or a finer rate could be a cheaper one.
 """
 
 from __future__ import annotations
@@ -35,6 +35,6 @@ def reference_values(surface: Surface, groups: list[ImageGroup], others: np.ndar
 
 
 def texels_shown(group: ImageGroup) -> float:
-    """Texels of an image that its UVs show, roughly."""
+    """Return the rough number of texels of an image that its UVs show."""
     u, v = group.uv[:, 1] - group.uv[:, 0], group.uv[:, 2] - group.uv[:, 0]
     return min(float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() / 2), group.size[0] * group.size[1])

@@ -1,8 +1,9 @@
 """A smaller image whose bilinear picture on the surface is closest to that of the source's (encoder only).
 
-With B the matrix that takes the small image's texels to the centres of the source's, s the source and W the surface that each of
-its texels shows, this minimises |B t - s|^2 weighed by W, with some damping towards the mean of what a texel shows. B is bilinear
-in rows and columns, so that each step is one walk over the source's rows and nothing larger than the source is ever made. """
+With B the matrix from the small image's texels to the centres of the source's, s the source and W the area of the surface that
+shows each source texel, this minimises |B t - s|^2 weighted by W, with some damping towards the mean of the source under a texel.
+B is bilinear in rows and columns, so each step is one walk over the source's rows and needs no larger memory than the source.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +21,9 @@ ITERATIONS = 6
 
 def resampled(image: np.ndarray, weight: np.ndarray, size: tuple[int, int], wrap: tuple[int, int],
               threads: int = 1) -> np.ndarray:
-    """The image at another size. image: uint8 or float32 [H, W, C]; weight: float64 [H, W], at least 0, how much of the surface a
-    texel shows; size: (width, height), at most the image's. Returns float32 [height, width, C] in 0..255; 0 where nothing is
-    shown. The result does not depend on threads."""
+    """Return the image at another size, float32 [height, width, C] in 0..255; 0 for texels that are not shown. image: uint8 or
+    float32 [H, W, C]; weight: float64 [H, W], at least 0, area of the surface that shows a texel; size: (width, height), at most
+    the image's. The result does not depend on threads."""
     lines = (*_lines(image.shape[0], size[1], wrap[1]), *_lines(image.shape[1], size[0], wrap[0]))
     weight = (weight / max(weight.mean(), 1e-30)).astype(np.float32)
     out = np.empty((size[1], size[0], image.shape[2]), np.float32)
@@ -36,7 +37,8 @@ def resampled(image: np.ndarray, weight: np.ndarray, size: tuple[int, int], wrap
 
 
 def _lines(fine, coarse, mode):
-    """Where the centres of `fine` texels lie between `coarse` ones: the one before int64 [fine], the one after, its share."""
+    """Return the places of the centres of `fine` texels between `coarse` ones: the texel before int64 [fine], the one after, its
+    share."""
     place = (np.arange(fine) + 0.5) * coarse / fine - 0.5
     low = np.floor(place).astype(np.int64)
     both = np.stack([low, low + 1])
@@ -45,7 +47,7 @@ def _lines(fine, coarse, mode):
 
 
 def _fitted(channel, weight, lines, shape):
-    """One channel, float32 [H, W], at another size."""
+    """Return one channel, float32 [H, W], at another size."""
     zeros, ones = np.zeros(shape, np.float32), np.zeros((1, 1), np.float32)
     total, right = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     _pull(zeros, np.ones_like(channel), weight, *lines, total)
@@ -65,7 +67,7 @@ def _fitted(channel, weight, lines, shape):
 
 @kernel(allocates=True)
 def _pull(t, target, weight, row0, row1, row_share, column0, column1, column_share, out):
-    """Adds B^T W (target - B t) to out, float32 like t; a target of one value is that value everywhere."""
+    """Add B^T W (target - B t) to out, float32 like t; a target of a single value is constant."""
     flat = target.shape[0] == 1 and target.shape[1] == 1
     line = np.empty(t.shape[1], np.float32)
     for y in range(weight.shape[0]):
@@ -86,7 +88,7 @@ def _pull(t, target, weight, row0, row1, row_share, column0, column1, column_sha
 
 
 def _solve(apply: Callable[[np.ndarray], np.ndarray], right: np.ndarray) -> np.ndarray:
-    """x with apply(x) = right after ITERATIONS steps of conjugate gradients from 0."""
+    """Return x with apply(x) = right after ITERATIONS steps of conjugate gradients from 0."""
     x, residual = np.zeros_like(right), right.copy()
     direction, power = residual.copy(), float((residual * residual).sum(dtype=np.float64))
     for _ in range(ITERATIONS):

@@ -1,4 +1,4 @@
-"""Means over texels of what the corners of faces hold (encoder only)."""
+"""Means over texels of values at the corners of faces (encoder only)."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ MOST_VISITS = 1 << 27  # of texels by faces, a few seconds
 
 @kernel
 def _add_corners(uv, values, shares, fraction, wrap_s, wrap_t, rank, total):
-    """Adds to total, float64 [T, 2 C + 1], the share of every face times its values at the centre of each texel that it asks, the
-    squares of these, and in the last column the share.
+    """Add to total, float64 [T, 2 C + 1], the share of every face times its values at the centre of each texel that it covers,
+    times their squares, and the share itself in the last column.
 
     uv: int64 [N, 3, 2] in steps below MAX_UV of field.texel_set; values: float64 [N, 3, C] of the corners; shares: float64 [N];
-    rank: int32 [height, width], rows of total, -1 where there is none.
+    rank: int32 [height, width], rows of total, -1 for texels without one.
     """
     height, width = rank.shape
     columns = min(values.shape[2], (total.shape[1] - 1) // 2)
@@ -59,8 +59,8 @@ def _add_corners(uv, values, shares, fraction, wrap_s, wrap_t, rank, total):
 
 
 class TexelMeans(NamedTuple):
-    """Texels that some faces show. texel: int64 [T], flat indices into the image; mean, spread: float64 [T, C], of their values
-    and of the squares of what these are off it, by area; area: float64 [T]."""
+    """Texels that some faces show. texel: int64 [T], flat indices into the image; mean: float64 [T, C], of their values, by area;
+    spread: float64 [T, C], mean of the squared differences from it; area: float64 [T]."""
 
     texel: np.ndarray
     mean: np.ndarray
@@ -107,6 +107,6 @@ def texel_means(uv: np.ndarray, values: np.ndarray, area: np.ndarray, fraction_b
 
 
 def _areas(uv):
-    """Of faces in squares of steps, float64 [N]."""
+    """Return areas of faces in squares of steps, float64 [N]."""
     u, v = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     return np.abs(u[:, 0].astype(np.float64) * v[:, 1] - u[:, 1].astype(np.float64) * v[:, 0]) / 2

@@ -1,4 +1,4 @@
-"""From an image group to a field over texels: integer UVs, the texels they ask, and their values (encoder only)."""
+"""From an image group to a field over texels: integer UVs, the texels that they cover, and their values (encoder only)."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ FULL_BITS = 2  # of UVs where only the weights of texels are at stake
 
 @dataclass(frozen=True)
 class TexelPlan:
-    """A field over texels to come. group: ImageGroup; size: (width, height) that it is coded at; fraction_bits: of its UVs;
-    qp_offset: of its values, to the rate's QP."""
+    """A planned field over texels. group: ImageGroup; size: coded (width, height); fraction_bits: of its UVs; qp_offset: of its
+    values, to the rate's QP."""
 
     group: ImageGroup
     size: tuple[int, int]
@@ -42,16 +42,16 @@ class TexelPlan:
 
     @property
     def signature(self) -> tuple:
-        """Stands for all of it, on one surface: hashable."""
+        """Hashable key of the whole plan on one surface."""
         return self.group.key, self.group.faces.tobytes(), self.size, self.fraction_bits, self.qp_offset
 
     def corner_uv(self) -> np.ndarray:
-        """UVs of the group's faces, int64 [F, 3, 2], in steps of 2**-fraction_bits texels of the coded size."""
+        """Return UVs of the group's faces, int64 [F, 3, 2], in steps of 2**-fraction_bits texels of the coded size."""
         scale = np.array(self.size, np.float64) / self.group.size * (1 << self.fraction_bits)
         return np.floor(self.group.uv * scale + 0.5).astype(np.int64)
 
     def values(self, surface: Surface, xy: np.ndarray, threads: int) -> np.ndarray:
-        """Values of texels of the coded size, float32 [N, 4]. xy: columns and rows, int32 [N, 2]."""
+        """Return values of texels of the coded size, float32 [N, 4]. xy: columns and rows, int32 [N, 2]."""
         group = self.group
         if self.size == group.size:
             return group.values(group.image[xy[:, 1], xy[:, 0]])
@@ -61,8 +61,8 @@ class TexelPlan:
         return group.smaller[self.size][xy[:, 1], xy[:, 0]]
 
     def values_of_map(self, name: str, surface: Surface, support: TexelSupport, threads: int) -> tuple[np.ndarray, int]:
-        """A further channel of the field: (values float32 [n, C] of the texels of support.coarser(levels), levels). A map that is
-        smaller than the field by a power of two keeps its own texels."""
+        """Return a further channel of the field: (values float32 [n, C] of the texels of support.coarser(levels), levels). A map
+        that is smaller than the field by a power of two keeps its own texels."""
         image = self.group.maps[name]
         size = (image.shape[1], image.shape[0])
         shift = max((self.size[0] // size[0]).bit_length() - 1, 0)
@@ -78,7 +78,7 @@ class TexelPlan:
         return np.ascontiguousarray(values[xy[:, 1], xy[:, 0]]), 0
 
     def _shown(self, surface, size):
-        """How much of the surface each texel shows of an image of `size` with the group's UVs, float64 [H, W]."""
+        """Return the area of the surface that shows each texel of an image of `size` with the group's UVs, float64 [H, W]."""
         group = self.group
         scale = (1 << FULL_BITS) * np.array(size, np.float64) / group.size
         steps = np.floor(group.uv * scale + 0.5).astype(np.int64).reshape(-1, 2)
@@ -87,7 +87,7 @@ class TexelPlan:
 
 
 def _stretched(values, size):
-    """An image float32 [H, W, C] at a size that is larger on one side at least, bilinear."""
+    """Return an image float32 [H, W, C] at a size that is larger on at least one side, bilinear."""
     from PIL import Image
 
     parts = [Image.fromarray(np.ascontiguousarray(values[..., c])).resize(size, Image.Resampling.BILINEAR)
@@ -96,7 +96,7 @@ def _stretched(values, size):
 
 
 def wrapped(line: np.ndarray, size: int, mode: int) -> np.ndarray:
-    """Columns or rows, int64 [N], of an image of `size` of them, by the wrap mode."""
+    """Return columns or rows, int64 [N], of an image of `size` of them, by the wrap mode."""
     if mode == WRAP_CLAMP:
         return np.clip(line, 0, size - 1)
     if mode == WRAP_REPEAT:
@@ -105,7 +105,7 @@ def wrapped(line: np.ndarray, size: int, mode: int) -> np.ndarray:
 
 
 def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
-    """Bits of a UV below the texel that the stream can hold."""
+    """Return the most bits of a UV below the texel that the stream can hold."""
     scale = max(size[0] / group.size[0], size[1] / group.size[1])
     reach, span = np.abs(group.uv).max() * scale, np.ptp(group.uv.reshape(-1, 2), axis=0).max() * scale
     bits = MOST_FRACTION_BITS
@@ -115,7 +115,7 @@ def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
 
 
 def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows: int | None, most: int | None) -> np.ndarray:
-    """Ascending keys int64 [N] of the texels that interpolation on a plan's surface weighs. uv: int64 [V, 2]; faces: int64
+    """Return ascending keys int64 [N] of the texels that interpolation on a plan's surface weighs. uv: int64 [V, 2]; faces: int64
     [F, 3]. Raises LimitError for more rows or texels than these."""
     rows = count_rows(uv, faces, plan.fraction_bits)
     if most_rows is not None and rows > most_rows:
@@ -124,7 +124,7 @@ def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows
 
 
 def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Source, limits: Limits, threads: int) -> SourceField:
-    """The SourceField of a plan over its decoded surface. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError."""
+    """Return the SourceField of a plan over its decoded surface. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError."""
     keys = covered_texels(plan, uv, faces, limits.samples, limits.voxels)
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
                            fraction_bits=plan.fraction_bits)

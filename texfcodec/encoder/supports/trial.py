@@ -28,7 +28,7 @@ SURE = 0.88  # of the cost without, from which on they are followed
 
 
 class _RegionKey(NamedTuple):
-    """What a SampleRegion depends on beside the scene and its surface."""
+    """Everything beside the scene and its surface that a SampleRegion depends on."""
 
     faces: bytes
     texels: float
@@ -36,17 +36,17 @@ class _RegionKey(NamedTuple):
 
 @dataclass(frozen=True)
 class Trials:
-    """Codes samples of supports at the prices of one quality. regions: cache of SampleRegions."""
+    """Trial codings of samples of supports at the prices of one quality. regions: cache of SampleRegions."""
 
     price: Lagrangian
     regions: Cache
 
     def keeps_promise(self, trial: TrialCoding, region: SampleRegion) -> bool:
-        """Whether base colour is as close as the QP promises, or short of that by MOST_SHORT."""
+        """Return whether base colour is as close as the QP promises, or short of that by at most MOST_SHORT."""
         return not self.price.has_promise or trial.colour <= self._worst(region, MOST_SHORT)
 
     def region(self, scene: Scene, surface: Surface, faces: np.ndarray, texels: float = math.inf) -> SampleRegion | None:
-        """Points of some faces, int64 [F], that candidates are compared at; None if these have no area. texels: of the image
+        """Return points of some faces, int64 [F], for comparing candidates; None if these have no area. texels: of the image
         there. Small but densely textured parts get extra weight, because viewers zoom in on them."""
         if not face_areas(surface.lattice, surface.faces[faces]).any():
             return None
@@ -59,7 +59,8 @@ class Trials:
         return self.regions.get(_RegionKey(faces.tobytes(), texels), sampled)
 
     def texels(self, region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int) -> TrialCoding:
-        """A TexelPlan, coded in squares with a side of 2**cell texels. keys: int64 [N], the texels that it covers."""
+        """Return the trial of a TexelPlan, coded in squares with a side of 2**cell texels. keys: int64 [N], the texels that it
+        covers."""
 
         def coded(offset):
             return replace(probe_texels(region, plan, keys, cell, self.price.planes.shifted(offset)), qp_offset=offset)
@@ -67,7 +68,7 @@ class Trials:
         return self._settled(coded, region, len(keys))
 
     def voxels(self, region: SampleRegion, resolution: int, cell: int) -> TrialCoding:
-        """Voxels at a resolution, coded in cubes with a side of 2**cell voxels."""
+        """Return the trial of voxels at a resolution, coded in cubes with a side of 2**cell voxels."""
         def coded(offset):
             trial = probe_voxels(region, resolution, cell, self.price.planes.shifted(offset), self.price)
             return replace(trial, qp_offset=offset)
@@ -75,13 +76,13 @@ class Trials:
         return self._settled(coded, region, region.voxels(resolution))
 
     def _worst(self, region, short):
-        """Squared error of base colour, with its weight, that is short of the promise of the QP by some dB."""
+        """Return the squared error of base colour, with its weight, that is `short` dB short of the promise of the QP."""
         weight = region.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight)
         return weight * 10 ** (short / 10) * self.price.coding_mse
 
     def _settled(self, coded: Callable[[int], TrialCoding], region: SampleRegion, values: float) -> TrialCoding:
-        """The trial at the QP of least cost, or at a finer one where the promise needs that. coded: codes it at an offset to the
-        QP; values: their number."""
+        """Return the trial at the QP of least cost, or at a finer one if the promise needs that. coded: function that codes it at
+        an offset to the QP; values: their number."""
         offset = self.price.qp_offset(values, region.weight)
         trial = coded(offset)
         for _ in range(MOST_TURNS):
@@ -93,7 +94,7 @@ class Trials:
         return trial.at(max(min(self._best_steps(trial, region), APART), -APART // 2))
 
     def _best_steps(self, trial, region):
-        """Steps of QP from a trial to where it is settled."""
+        """Return the steps of QP from a trial to its final QP."""
         if not self.price.is_free or not trial.slopes[0]:
             return 0
         steps = range(FINEST - trial.qp_offset, MOST_COARSER - trial.qp_offset + 1)

@@ -1,7 +1,7 @@
-"""What rounding UVs does to the picture, by the bits that they keep below the texel (encoder only).
+"""Error of rounded UVs in the picture, by the bits that they keep below the texel (encoder only).
 
-The neighbours of a texel in its image say little: UVs of a palette lie at the centres of texels and never between them, and half
-a texel there is another colour. So the image is asked at points of the surface, where its UVs are and where rounding puts them.
+Neighbouring texels in the image say little about it: UVs of a palette lie at the centres of texels and never between them, and
+half a texel further is another colour. So the image is sampled at points of the surface, with exact and with rounded UVs.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ NEGLIGIBLE = 0.02  # squared error from which on each bit is taken to leave a qu
 
 
 def rounding_errors(region: SampleRegion, plan: TexelPlan) -> np.ndarray:
-    """By number of bits, float64 [MOST_FRACTION_BITS + 1]: squared error that rounded UVs add at surface points, the sum over
-    channels."""
+    """Return the squared error that rounded UVs add at surface points, the sum over channels, by number of bits: float64
+    [MOST_FRACTION_BITS + 1]."""
     errors: list[float] = []
     for bits in range(MOST_FRACTION_BITS + 1):
         known = bool(errors) and errors[-1] <= NEGLIGIBLE
@@ -31,7 +31,8 @@ def rounding_errors(region: SampleRegion, plan: TexelPlan) -> np.ndarray:
 
 
 def _added(region, plan, bits):
-    """Mean squared error of a region's channel by UVs that are rounded to so many bits below the texel of the coded size."""
+    """Return the mean squared error of a region's channel by UVs that are rounded to so many bits below the texel of the coded
+    size."""
     texels = np.array(plan.size, np.float64) * (1 << bits)
     rows = np.arange(0, len(region.face), EVERY)
     exact = plan.group.uv / plan.group.size

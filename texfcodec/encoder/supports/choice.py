@@ -306,8 +306,8 @@ class _Choice:
 
     def _extra_bytes(self, trial, other, region, share):
         """Return the additional bytes that a TrialCoding of a region costs against a share of another, in light or in flat
-        colours, whichever is more: if they disagree, the file keeps its texels. Infinite if the other alone keeps the promise of
-        the rate."""
+        colours, whichever is more: if the two disagree, the support of the file stays. Infinite if the other alone keeps the
+        promise of the rate."""
         if self.trials.keeps_promise(trial, region) != self.trials.keeps_promise(other, region):
             return -math.inf if self.trials.keeps_promise(trial, region) else math.inf
         pairs = (trial, other), (trial.flat, other.flat)
@@ -341,8 +341,8 @@ class _Choice:
         return plan, replace(probe, mse=probe.mse + errors[plan.fraction_bits])
 
     def _keys(self, plan):
-        """Return keys of the texels that a plan covers. Raises LimitError; if voxels are an alternative, already at the limit on
-        samples."""
+        """Return keys of the texels that a plan covers. Raises LimitError; below the limit on samples already if voxels are an
+        alternative."""
         uv = plan.corner_uv().reshape(-1, 2)
         corners, most = np.arange(len(uv)).reshape(-1, 3), self.price.limits.samples
         if self.request.support == "auto":
@@ -446,7 +446,7 @@ def _reason(texels, voxels):
 
 
 def _geometry_bytes(plan, surface):
-    """Return the bytes of a group's geometry alone, with its UVs, as one Draco unit."""
+    """Return (bytes of a group's geometry alone, bytes with its UVs), as one Draco unit."""
     faces, bits = surface.faces[plan.group.faces], surface.cube.position_bits
     return draco_bytes(surface.lattice, faces, bits), draco_bytes(surface.lattice, faces, bits, plan.corner_uv())
 

@@ -1,4 +1,4 @@
-"""A codec of planes with its settings: what codes a candidate, or the real thing, at one quality (encoder only)."""
+"""A codec of planes with its settings: it codes a candidate, or the final values, at one quality (encoder only)."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ QP_PER_DECIBEL = 6 / (20 * math.log10(2))  # a step twice as large is 6 QP
 
 @dataclass(frozen=True)
 class Coder:
-    """codec: of planes; settings: what its settings() made of a request, with "qp", "max_error" and "chroma_qp_offset"."""
+    """codec: of planes; settings: result of its settings() for a request, with "qp", "max_error" and "chroma_qp_offset"."""
 
     codec: PlaneCodec
     settings: Any  # each codec has a class of its own, a plug-in the EncodeOptions
 
     @property
     def signature(self) -> tuple:
-        """Stands for all of it: hashable, which the settings of a plug-in may not be."""
+        """Hashable key of the coder; the settings of a plug-in may not be hashable."""
         settings = self.settings
         return self.codec, settings.qp, settings.max_error, settings.chroma_qp_offset, repr(settings)
 
     @property
     def qp(self) -> int | None:
-        """None where an error bound sets it."""
+        """The QP; None if an error bound sets the quality."""
         return self.settings.qp
 
     def at(self, **quality: float | None) -> Coder:
-        """The coder with another qp, max_error or chroma_qp_offset."""
+        """Return the coder with another qp, max_error or chroma_qp_offset."""
         return replace(self, settings=replace(self.settings, **quality))
 
     @property
@@ -49,33 +49,33 @@ class Coder:
         return hasattr(self.settings, "qp_fraction")
 
     def between(self, qp: float) -> Coder:
-        """The coder at a QP that need not be whole; at the next finer one where there are none between."""
+        """Return the coder at a QP that need not be whole; at the next finer whole one if the codec has none between."""
         whole = math.floor(qp)
         return self.at(qp=whole, qp_fraction=qp - whole) if self.has_fractions else self.at(qp=whole)
 
     def roughly(self) -> Coder:
-        """The coder for an estimate, where its codec has a quicker one for that."""
+        """Return the coder for an estimate, if its codec has a quicker one for that."""
         return self.at(is_rough=True) if hasattr(self.settings, "is_rough") else self
 
     def shifted(self, offset: int) -> Coder:
-        """The coder at another QP by an offset."""
+        """Return the coder with its QP shifted by an offset."""
         if self.qp is None:
             return self
         return self.at(qp=min(max(self.qp + offset, min(LEAST_QP, self.qp)), max(LAST_QP, self.qp)))
 
     def exactly(self) -> Coder:
-        """The coder without any error."""
+        """Return the coder without any error."""
         return self.at(qp=None, max_error=0)
 
     def for_plane(self, plane: np.ndarray) -> Coder:
-        """The coder of a plane float32 [N, C] in 0..255: a codec of ours that suits it goes before the requested one."""
+        """Return the coder of a plane float32 [N, C] in 0..255, by codec_for()."""
         return replace(self, codec=codec_for(plane, self.codec))
 
     def for_group(self, group: Group, weights: Mapping[str, float]) -> Coder:
-        """The coder with a channel group's QPs: at equal slopes of bytes and error of a shaded picture, a channel whose errors
-        weigh w times those of base colour has 1 / w of its squared error. weights: of a Scene. The second channel of a group gets
-        its own as an offset to the first's; components of one channel that is no colour have the same. Alpha has the QP as it
-        is."""
+        """Return the coder with a channel group's QPs. At equal slopes of bytes and error of a shaded picture, a channel whose
+        errors weigh w times those of base colour has 1 / w of its squared error. weights: of a Scene. The QP of the second
+        channel of a group is an offset to the first's; components of a channel that is no colour share a QP. Alpha keeps the
+        QP."""
         if self.qp is None or group.channels[0] is ALPHA:
             return self
         steps = [-10 * math.log10(weights.get(c.name, c.weight)) * QP_PER_DECIBEL for c in group.channels]
@@ -89,13 +89,13 @@ class Coder:
         return self.codec.enc(plane, support, self.settings)
 
     def size(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, variables: dict) -> tuple[int, np.ndarray]:
-        """(bytes of the codec's part of a unit, what decodes from it). variables: what the part takes from elsewhere, as of
-        bitstream.stream.attribute_variables."""
+        """Return (bytes of the codec's part of a unit, values decoded from it). variables: inputs of that part from elsewhere, as
+        of bitstream.stream.attribute_variables."""
         values, decoded = self.code(plane, support)
         return len(self.codec.write_parameters({**values, **variables})), decoded
 
 
 def codec_for(plane: np.ndarray, requested: PlaneCodec) -> PlaneCodec:
-    """The codec for a plane float32 [N, C] in 0..255: one of ours that suits it before the requested one."""
+    """Return the codec for a plane float32 [N, C] in 0..255: a built-in one that suits it, or else the requested one."""
     ours = (codec for codec in our_codecs() if not codec.joint and codec.suits(plane))
     return next(ours, requested)  # type: ignore[return-value]  # a codec that is not joint is one of planes

@@ -39,22 +39,23 @@ MOST_TOGETHER = 1 << 22
 
 
 class Content(NamedTuple):
-    """The values that are coded: the Source, and its SourceFields by number."""
+    """The values to code: the Source, and its SourceFields by number."""
 
     source: Source
     fields: list[SourceField]
 
 
 class Coding(ABC):
-    """How values go into a stream, and what they need before."""
+    """A way of coding values into a stream, with its preparations."""
 
     @abstractmethod
     def content(self, placed: Placed, wanted: Refine, cache: Cache, report: Report) -> Decision[Content]:
-        """The Content of a placed mesh, brought from the source. wanted: refinement; cache: of transferred and fitted fields."""
+        """Return the Content of a placed mesh, with values of the source. wanted: refinement; cache: of transferred and fitted
+        fields."""
 
     @abstractmethod
     def units(self, filled: Filled, stream: Stream, cache: Cache, report: Report) -> Decision[Planes]:
-        """Adds the attribute units of a Filled to a stream whose other units are there. cache: of coded units."""
+        """Add the attribute units of a Filled to a stream that already holds all other units. cache: of coded units."""
 
 
 class PlaneCoding(Coding):
@@ -106,7 +107,7 @@ class PlaneCoding(Coding):
 
 
 class JointCoding(Coding):
-    """For codecs that code all fields and channel groups in one unit, and ask the source themselves."""
+    """For codecs that code all fields and channel groups in one unit, and sample the source themselves."""
 
     def content(self, placed: Placed, wanted: Refine, cache: Cache, report: Report) -> Decision[Content]:
         """See Coding.content."""
@@ -128,18 +129,18 @@ class JointCoding(Coding):
 
 
 def coding_of(price: Lagrangian) -> Coding:
-    """The Coding that a codec needs: PlaneCoding where price has a coder."""
+    """Return the Coding that a codec needs: PlaneCoding if price has a coder."""
     return JointCoding() if price.coder is None else PlaneCoding()
 
 
 def _is_anisotropic(source, number):
-    """Returns whether a material of a field has an anisotropy factor, with or without a map."""
+    """Return whether a material of a field has an anisotropy factor, with or without a map."""
     used = np.unique(source.surface.material[source.face_field == number])
     return any(source.scene.materials[m].parameters.get("anisotropy", (0.0,))[0] > 0 for m in used)
 
 
 def _values(placed, number, cache):
-    """A field over voxels with the source's values."""
+    """Return a field over voxels with the source's values."""
     part, source, meshed = placed.fields[number], placed.source, placed.shaded.meshed
     price = meshed.price
     colour = uniform_colour(meshed.prepared.colours, source.surface.material[source.face_field == number])
@@ -152,13 +153,13 @@ def _values(placed, number, cache):
 
 
 def _digest(plane, support):
-    """Stands for values on a support: hashable."""
+    """Return a hashable key of values on a support."""
     at = [getattr(support, field.name) for field in fields_of(support) if field.name != "keys"]
     return (type(support), *at, *(hashlib.sha256(np.ascontiguousarray(array).data).digest() for array in (support.keys, plane)))
 
 
 class _UnitKey(NamedTuple):
-    """What a coded unit depends on. content: digests of support and values."""
+    """Everything that a coded unit depends on. content: digests of support and values."""
 
     coder: tuple
     content: tuple
@@ -166,7 +167,7 @@ class _UnitKey(NamedTuple):
 
 def _unit(filled: Filled, stream: Stream, place: tuple[int, int], bounds: tuple[float, float | None],
           cache: Cache) -> Decision[CodedUnit]:
-    """The CodedUnit of a channel group of a field. place: (field, group); bounds: share of the surface, and budget as of
+    """Return the CodedUnit of a channel group of a field. place: (field, group); bounds: share of the surface, and budget as of
     choose_qp()."""
     part, group = filled.fields[place[0]], filled.source.groups[place[1]]
     plane, shift = joined(part, group)

@@ -1,8 +1,8 @@
-"""Inverse rendering: voxel colours improved until their pictures look like the source's (encoder only; paper, section on IR).
+"""Inverse rendering: it improves voxel colours until their pictures look like the source's (encoder only; paper, section on IR).
 
 Geometry and voxels stay as they are, so a picture is linear in the colours: every pixel is a trilinear blend of at most eight
 voxels. The gradient of a view's loss (pictures.py) is scattered with the blend's weights, and Adam takes the steps. Held-out
-views decide when to stop and which iteration is kept; the start is kept where none is better.
+views decide when to stop and which iteration is kept; the start is kept if no iteration is better.
 """
 
 import time
@@ -23,7 +23,7 @@ DECAY, SQUARE_DECAY, TINY = 0.9, 0.99, 1e-8
 
 @kernel
 def _blend(rank, weight, values, out):
-    """Trilinear colours out float32 [M, C] of values float32 [N, C]; rank int32 [M, 8] < N, -1 where nothing is."""
+    """Fill out float32 [M, C] with trilinear colours of values float32 [N, C]; rank int32 [M, 8] < N, -1 without a voxel."""
     for i in range(rank.shape[0]):
         for c in range(values.shape[1]):
             total = 0.0
@@ -35,7 +35,7 @@ def _blend(rank, weight, values, out):
 
 @kernel
 def _scatter(rank, weight, slope, low, high, gradient):
-    """Transpose of _blend for the voxels low..high-1: adds slope float32 [M, C] to gradient float32 [N, C], in pixel order."""
+    """Add slope float32 [M, C] to gradient float32 [N, C] of the voxels low..high-1, in pixel order: the transpose of _blend."""
     for i in range(rank.shape[0]):
         for k in range(8):
             r = np.int64(rank[i, k])
@@ -46,7 +46,7 @@ def _scatter(rank, weight, slope, low, high, gradient):
 
 @kernel
 def _adam(values, gradient, mean, square, begin, end, rate, mean_scale, square_scale):
-    """One step of Adam on rows begin..end-1, kept in 0..255; clears the gradient."""
+    """Do one step of Adam on rows begin..end-1, kept in 0..255; clear the gradient."""
     for i in range(begin, end):
         for c in range(values.shape[1]):
             g = gradient[i, c]
@@ -70,19 +70,19 @@ class View:
     weight: np.ndarray
 
     def colours(self, values: np.ndarray) -> np.ndarray:
-        """What the field shows, float32 [M, 3]."""
+        """Return the colours of the field, float32 [M, 3]."""
         out = np.empty_like(self.target)
         _blend(self.rank, self.weight, values, out)
         return out
 
     def loss(self, values: np.ndarray, threads: int) -> tuple[float, float, np.ndarray]:
-        """(loss, mean squared error, its slope by colours() float32 [M, 3])."""
+        """Return (loss, mean squared error, slope of the loss by colours(), float32 [M, 3])."""
         return picture_loss(self.size, self.pixel, self.target, self.colours(values), threads)
 
 
 class Pictures:
-    """Draws views of one asset, in a cube of side 1. surfaces: FieldSurfaces, one per field, on one lattice; seed: of the
-    cameras; size: pixels a side."""
+    """Source of random Views of one asset, in a cube of side 1. surfaces: FieldSurfaces, one per field, on one lattice; seed: of
+    the cameras; size: pixels a side."""
 
     def __init__(self, surfaces: list[FieldSurface], seed: int, threads: int, size: int = SIZE) -> None:
         self.surfaces, self.threads, self.size = surfaces, threads, size
@@ -93,7 +93,7 @@ class Pictures:
         self.cameras = Cameras(surfaces[0].lattice, faces, surfaces[0].position_bits, seed, threads, size)
 
     def view(self) -> View:
-        """The next View; pixels where no voxel answers or the source is transparent are left out."""
+        """Return the next View, without pixels that no voxel covers or whose source is transparent."""
         seen = self.cameras.next()
         target = np.empty((len(seen.face), 4), np.float32)
         rank, weight = np.full((len(seen.face), 8), -1, np.int32), np.zeros((len(seen.face), 8), np.float32)
@@ -115,7 +115,7 @@ class Pictures:
 
 
 def held_out(pictures: Pictures, count: int = HELD_OUT_VIEWS) -> list[View]:
-    """The views that decide; drawn from their own Pictures. Those that show nothing are left out."""
+    """Return held-out views, drawn from their own Pictures, without those that show nothing."""
     return [v for v in (pictures.view() for _ in range(count)) if len(v.pixel)]
 
 

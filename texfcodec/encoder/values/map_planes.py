@@ -1,4 +1,4 @@
-"""The maps of materials as values of fields: which are coded together, and what fills them (encoder only)."""
+"""The maps of materials as values of fields: channel groups that are coded together, and the values of the maps."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ TOGETHER = ("roughness", "metallic")  # one group where both are coded: 0 to 6 %
 
 
 def map_names(materials: Iterable[Material]) -> set[str]:
-    """Channels that materials have maps of."""
+    """Return channels that materials have maps of."""
     return {name for material in materials for name in material.maps}
 
 
 def names_of_field(scene: Scene, surface: Surface, in_field: np.ndarray) -> set[str]:
-    """Channels that the materials of some faces, bool [F] of the surface, have maps of."""
+    """Return channels that the materials of some faces, bool [F] of the surface, have maps of."""
     return map_names(scene.materials[m] for m in np.unique(surface.material[in_field]))
 
 
 def groups_of(present: set[str], alpha: bool) -> tuple[Group, ...]:
-    """The channel groups of a stream. present: names of all channels, in channels.CHANNELS, that any field has beside base colour
-    and alpha."""
+    """Return the channel groups of a stream. present: names of all channels, in channels.CHANNELS, that any field has beside base
+    colour and alpha."""
     groups = [Group((BASE_COLOUR,))] + [Group((ALPHA,))] * alpha
     joint = [BY_NAME[name] for name in TOGETHER if name in present]
     for channel in CHANNELS[2:]:
@@ -52,7 +52,7 @@ def groups_of(present: set[str], alpha: bool) -> tuple[Group, ...]:
 
 
 def with_grey(groups: tuple[Group, ...], fields: list[SourceField]) -> tuple[Group, ...]:
-    """The groups, those of one colour marked grey whose components are alike in all fields."""
+    """Return the groups; a group of one colour whose components are alike in all fields is marked grey."""
     return tuple(group._replace(grey=_is_grey(group, fields)) for group in groups)
 
 
@@ -68,8 +68,8 @@ def _alike(plane):
 
 
 def joined(part: SourceField, group: Group) -> tuple[np.ndarray, int]:
-    """The values of a group in a SourceField that has one of its channels at least, float32 [n, components], and how many levels
-    coarser they are than the field. Channels that the field lacks are 255; coarser ones are brought to the finest."""
+    """Return (values of a group in a SourceField that has at least one of its channels, float32 [n, components]; levels by which
+    they are coarser than the field). Channels that the field lacks are 255; coarser ones are brought to the finest."""
     shift = min(part.shifts.get(channel.name, 0) for channel in group.channels if channel.name in part.planes)
     support = part.support.coarser(shift)
     planes = {}
@@ -84,8 +84,8 @@ def joined(part: SourceField, group: Group) -> tuple[np.ndarray, int]:
 
 
 def errors_of(group: Group, plane: np.ndarray, decoded: np.ndarray) -> dict:
-    """What the report says of a coded group: {"channels": names, "psnr": dB by name, None where it is exact}. plane: float32 [n,
-    components]; decoded: uint8 of that shape."""
+    """Return the entry of the report on a coded group: {"channels": names, "psnr": dB by name, None if it is exact}. plane:
+    float32 [n, components]; decoded: uint8 of that shape."""
     psnr, begin = {}, 0
     for channel in group.channels:
         columns = slice(begin, begin + (1 if group.grey else channel.components))
@@ -95,8 +95,8 @@ def errors_of(group: Group, plane: np.ndarray, decoded: np.ndarray) -> dict:
 
 
 def with_maps(part: SourceField, source: Source, number: int, names: set[str], threads: int) -> SourceField:
-    """A SourceField over voxels, number `number` of the source, with what the maps of its faces show. names: of the channels, as
-    materials know them."""
+    """Return a SourceField over voxels, field `number` of the source, with the values of the maps of its faces. names: of the
+    channels, as materials know them."""
     planes = {}
     for name in sorted(names):
         channel = channel_over(name, planar=False)
@@ -110,8 +110,8 @@ def with_maps(part: SourceField, source: Source, number: int, names: set[str], t
 
 
 def _transferred(part, source, in_field, name, threads):
-    """Mean of a map over the surface in each voxel, float32 [N, C]; voxels that only faces without the map touch carry on what is
-    around them. in_field: bool [F], faces of the field with the map."""
+    """Return the mean of a map over the surface in each voxel, float32 [N, C]; voxels that only faces without the map touch
+    continue their neighbours. in_field: bool [F], faces of the field with the map."""
     surface = source.surface
     packed = pack_map(source.scene, name, surface.origin_face[in_field])
     density = int(np.clip(np.ceil(2 * part.texels_per_edge), SAMPLES_PER_EDGE, 4))
@@ -121,7 +121,7 @@ def _transferred(part, source, in_field, name, threads):
 
 
 def _deviations(part, source, in_field, name, threads):
-    """As _transferred, for what source.maps answers for a channel that no image holds as it is."""
+    """Return the same for a channel that no image holds directly, with the values of source.maps."""
     surface, rows, resolution = source.surface, np.flatnonzero(in_field), part.support.resolution
     sums = np.zeros((len(part.keys), 4))
     for points, face, bary, share in surface_samples(surface.lattice, surface.faces[rows], surface.cube.position_bits,

@@ -1,8 +1,8 @@
 """Image-space refinement of a fitted payload (encoder only; paper, section on IR).
 
 Latents and network take further, small steps on the loss of rendered pictures (pictures.py), a step a picture. Held-out views
-decide when to stop and what is kept; the fit's own state is kept where nothing is better. Only for payloads without alpha:
-the loss is of colours, and would let alpha drift.
+decide when to stop and which state is kept; the fit's own state is kept if none is better. Only for payloads without alpha: the
+loss is of colours, and would let alpha drift.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ SCALE = 1e4  # of the slopes, which a mean over a picture makes small beside tra
 
 @dataclass
 class Picture:
-    """size: pixels a side; pixel: int64 [M], the covered ones, row * size + column; samples: Samples [M]; cells: theirs, of
-    cells_of."""
+    """size: pixels a side; pixel: int64 [M], the covered ones, row * size + column; samples: Samples [M]; cells: of the samples,
+    by cells_of."""
 
     size: int
     pixel: np.ndarray
@@ -37,20 +37,20 @@ class Picture:
     cells: tuple
 
     def loss(self, fit: Fit) -> tuple[float, float, np.ndarray]:
-        """As picture_loss, for what a fit shows."""
+        """Return the picture_loss() of the colours of a fit."""
         shown = np.clip(fit.answers(self.samples, self.cells), 0, 255)
         return picture_loss(self.size, self.pixel, self.samples.target.astype(np.float32), shown, fit.threads)
 
 
 class Pictures:
-    """Draws pictures of a samples.Source; tables: payload.Tables by field; position_bits: of its lattice."""
+    """Source of random Pictures of a fit_samples.Source; tables: payload.Tables by field; position_bits: of its lattice."""
 
     def __init__(self, source: Source, tables: list[Tables], position_bits: int, seed: int, size: int = SIZE) -> None:
         self.source, self.tables, self.size = source, tables, size
         self.cameras = Cameras(source.lattice, source.faces, position_bits, seed, source.threads, size)
 
     def next(self) -> Picture:
-        """The next Picture."""
+        """Return the next Picture."""
         seen = self.cameras.next()
         samples = self.source.at(seen.face, seen.bary, self.source.threads)
         return Picture(self.size, seen.pixel, samples, cells_of(samples, self.tables))
@@ -81,7 +81,7 @@ def refine_by_pictures(fit: Fit, source: Source, position_bits: int, schedule: S
 
 
 def _step(fit, picture, step, steps, pool):
-    """One step against a picture's loss; returns that."""
+    """Take one step against a picture's loss; return the loss."""
     if len(picture.pixel) == 0:
         return 0.0
     loss, _, by_colour = picture.loss(fit)

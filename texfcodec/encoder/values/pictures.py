@@ -60,7 +60,7 @@ class Cameras:
 
 def picture_loss(size: int, pixel: np.ndarray, target: np.ndarray, shown: np.ndarray,
                  threads: int) -> tuple[float, float, np.ndarray]:
-    """(loss, mean squared error, slope of the loss by shown float32 [M, 3]).
+    """Return (loss, mean squared error, slope of the loss by shown, float32 [M, 3]).
 
     pixel: int64 [M], the covered ones of a picture of `size` a side, row * size + column; target, shown: float32 [M, 3], 0..255.
     """

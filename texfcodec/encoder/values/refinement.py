@@ -1,4 +1,4 @@
-"""Which refinement a field gets, whether it pays, and what the report says of it (encoder only)."""
+"""The choice of the refinement of a field, its gain, and its entry in the report (encoder only)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_VOXELS = 10_000_000  # "auto" leaves larger fields alone: a fit takes about
 
 
 class Refine(NamedTuple):
-    """What a request says of refinement: EncodeOptions.refine and refine_iterations."""
+    """The request for refinement: EncodeOptions.refine and refine_iterations."""
 
     kind: str
     iterations: int
@@ -37,10 +37,10 @@ class Refine(NamedTuple):
 
 def refine_fields(source: Source, fields: list[SourceField], price: Lagrangian, wanted: Refine,
                   cache: Cache, step: Step = no_step) -> Decision[list[SourceField]]:
-    """The SourceFields with their colours refined as wanted.
+    """Return the SourceFields with their colours refined as wanted.
 
-    source: codecs.base.Source; fields: by number; cache: of fitted fields; step: of Report.stage(). Each field keeps its transfer
-    where its refined colours are not closer to the source at points that the fit has not seen.
+    source: codecs.base.Source; fields: by number; cache: of fitted fields; step: of Report.stage(). Each field keeps its
+    transferred colours if the refined ones are not closer to the source at points that the fit has not seen.
     """
     reason = _reason_against(fields, price, wanted.kind)
     evidence: dict[str, Any] = {"asked": wanted.kind, "kind": "off", "reason": reason or "requested"}
@@ -85,7 +85,7 @@ def _field_surface(source, number, field):
 
 
 def _predicted_gain(surfaces, fields, price):
-    """dB that a fit would gain at the quality that coding leaves."""
+    """Return the dB that a fit would gain at the quality of coding."""
     error, voxels = 0.0, sum(len(f.keys) for f in fields)
     for surface, field in zip(surfaces, fields, strict=True):
         if not surface.has_area:
@@ -96,7 +96,8 @@ def _predicted_gain(surfaces, fields, price):
 
 
 def _fit(surface, field, threads, step):
-    """The better of fit and transfer of one field, and {"psnr_y_before", "psnr_y_after", "kept"}, dB at held-out points."""
+    """Return the better of fit and transfer of one field, and {"psnr_y_before", "psnr_y_after", "kept"}, dB at held-out
+    points."""
     if not surface.has_area:
         return Decision(field, {"psnr_y_before": None, "psnr_y_after": None, "kept": False})
     points = surface.sample(HELD_OUT, HELD_OUT_SEED, threads)
@@ -113,7 +114,7 @@ def _finite(mse):
 
 
 def _render(surfaces, fields, threads, iterations, step):
-    """Inverse rendering on top of the fit."""
+    """Return the Decision on inverse rendering on top of the fit."""
     from .inverse_render import refine_by_rendering  # here, because the renderer takes long to import and few ask for it
     from .pictures import Schedule
 

@@ -1,5 +1,5 @@
-"""Normal maps without UVs: what a map says of the surface, as a deviation from the shading normals that a decoder makes again
-(encoder only; spec clause 8.5); and what all maps say where a codec asks the surface itself."""
+"""Normal maps without UVs: a map becomes a deviation from the shading normals that a decoder derives (encoder only; spec clause
+8.5); and values of all maps for codecs that sample the surface themselves."""
 
 from __future__ import annotations
 
@@ -27,14 +27,15 @@ LEAST_LENGTH = 1e-3  # of a sum of normals that has a direction
 
 
 def turned(values: np.ndarray, turn: np.ndarray | None) -> np.ndarray:
-    """x and y of tangent-space normals, float32 [N, 2] in 0..255, in another frame. turn: as turn_of() gives it."""
+    """Return x and y of tangent-space normals, float32 [N, 2] in 0..255, in another frame. turn: of turn_of()."""
     return values if turn is None else ((values / FLAT - 1) @ turn.T.astype(np.float32) + 1) * np.float32(FLAT)
 
 
 def turn_of(scene: Scene, surface: Surface, faces: np.ndarray) -> np.ndarray | None:
-    """How the frame that the source's own tangents make lies in the one that its UVs make, which a decoder takes: an orthogonal
-    matrix float64 [2, 2] for x and y of a normal map, the best one for the surface of faces, int64 [F]; None where they are the
-    same, or nothing is known. Files whose tangents were made for v upwards, or before a texture transform, have another."""
+    """Return the rotation from the frame of the source's own tangents to the frame of its UVs, which a decoder uses: an
+    orthogonal matrix float64 [2, 2] for x and y of a normal map, the best one for the surface of faces, int64 [F]; None if they
+    are the same, or nothing is known. They differ in files whose tangents were computed for v upwards, or before a texture
+    transform."""
     if scene.corner_tangent is None or scene.corner_normal is None or not len(faces):
         return None
     rows = surface.origin_face[faces]
@@ -51,9 +52,9 @@ def turn_of(scene: Scene, surface: Surface, faces: np.ndarray) -> np.ndarray | N
 
 
 class Frames:
-    """Normals of a surface's corners: as the source has them and as a decoder makes them again; tangents where a map asks.
+    """Normals of a surface's corners, of the source and of a decoder; tangents for maps.
 
-    normal, rebuilt: float32 [F, 3, 3], the latter what a function gives once it is asked; geometric: float32 [F, 3] of the faces.
+    normal, rebuilt: float32 [F, 3, 3], the latter computed by a function at first use; geometric: float32 [F, 3] of the faces.
     """
 
     def __init__(self, scene: Scene, surface: Surface, rebuilt: Callable[[], np.ndarray] | None) -> None:
@@ -66,26 +67,27 @@ class Frames:
 
     @cached_property
     def rebuilt(self) -> np.ndarray:
-        """What the function given says."""
+        """Normals of the given function."""
         assert self._rebuilt is not None
         return self._rebuilt()
 
     def deviations(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
-        """How far a normal map turns the surface's normals from those that are made again, float32 [M, 3] in 0..255, FLAT being
+        """Return the deviations by a normal map of the surface's normals from the decoder's, float32 [M, 3] in 0..255, FLAT being
         0. name: of the channel; face: int64 [M] of the surface, of materials with the map; bary: float64 [M, 3]."""
         bent, flat = self.bent(name, face, bary, threads), interpolate_corners(self.rebuilt, face, bary)
         flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
         return np.clip((bent - flat + 1) * FLAT, 0, 255).astype(np.float32)
 
     def bent(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
-        """The source's shading normals as a normal map turns them, float32 [M, 3] of length 1; arguments as in deviations()."""
+        """Return the source's shading normals with a normal map, float32 [M, 3] of length 1; arguments as in deviations()."""
         texel, scale = self.texels(name, face, bary, threads)
         tangent = interpolate_corners(self.tangent(name), face, bary)
         normal, geometric = interpolate_corners(self.normal, face, bary), self.geometric[face]
         return tangent_space_normals(texel, scale, normal, tangent, geometric)
 
     def texels(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
-        """(x and y of a normal map, float32 [M, 2] in 0..255, and its scale, float32 [M]); arguments as in deviations()."""
+        """Return (x and y of a normal map, float32 [M, 2] in 0..255, and its scale, float32 [M]); arguments as in
+        deviations()."""
         if name not in self._sources:
             self._sources[name] = pack_map(self.scene, name, self.surface.origin_face)
         texel = values_of_map(name, sample_source(self._sources[name], face, bary, threads))
@@ -93,7 +95,7 @@ class Frames:
         return texel, scale[self.surface.material[face]]
 
     def tangent(self, name: str) -> np.ndarray:
-        """Tangents of the corners, float32 [F, 3, 4]: the source's, whichever UVs a map has, or made of those."""
+        """Return tangents of the corners, float32 [F, 3, 4]: the source's, whichever UVs a map has, or derived from those UVs."""
         rows, uv = self.surface.origin_face, self.scene.map_uv.get(name, self.scene.corner_uv)
         key = id(uv)
         if key not in self._tangents:
@@ -108,8 +110,8 @@ class Frames:
 
 
 def with_folded_normals(scene: Scene, surface: Surface, flat: np.ndarray) -> Scene:
-    """The scene, its shading normals on flat faces being those that its normal map makes of them in the frame of the file's
-    TANGENTs: UVs without area make no frame for a decoder, so that the map says nothing there (spec 8.5.2).
+    """Return the scene with new shading normals on flat faces: those of its normal map in the frame of the file's TANGENTs. UVs
+    without area give a decoder no frame, so the map has no effect there (spec 8.5.2).
 
     flat: int64 [N], faces of the surface whose UVs have no area.
     """
@@ -125,8 +127,8 @@ def with_folded_normals(scene: Scene, surface: Surface, flat: np.ndarray) -> Sce
 
 
 def _best_corners(frames, faces):
-    """Normals of the corners of faces, float32 [N, 3, 3], that come nearest, interpolated, to what the normal map makes of the
-    surface; the source's own where these come nearer."""
+    """Return normals of the corners of faces, float32 [N, 3, 3], whose interpolation comes nearest to the surface with its normal
+    map; the source's own if these come nearer."""
     steps = [(i, j, ACROSS - i - j) for i in range(ACROSS + 1) for j in range(ACROSS + 1 - i)]
     bary = (np.array(steps) + 1 / 3) / (ACROSS + 1)  # inside, since what a corner alone shows may be the padding of a chart
     at = np.repeat(faces, len(bary)), np.tile(bary, (len(faces), 1))
@@ -144,20 +146,20 @@ def _best_corners(frames, faces):
 
 
 def _have_tangents(scene):
-    """Whether the file has a TANGENT at every corner of a face, bool [F]."""
+    """Return whether the file has a TANGENT at every corner of a face, bool [F]."""
     return scene.corner_tangent.any(axis=2).all(axis=1)
 
 
 class ShownMaps:
-    """What maps say at places on a surface: a codecs.base.Source's `maps`. Arguments as those of Frames."""
+    """Values of maps at places on a surface: the `maps` of a codecs.base.Source. Arguments as those of Frames."""
 
     def __init__(self, scene: Scene, surface: Surface, rebuilt: Callable[[], np.ndarray]) -> None:
         self.scene, self.surface, self._rebuilt = scene, surface, rebuilt
         self._packed: dict[str, tuple] = {}
 
     def __call__(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
-        """Values of a channel over voxels, float32 [M, C] in 0..255. name: in channels.CHANNELS; face: int64 [M] of the surface,
-        of materials with the map; bary: float64 [M, 3]."""
+        """Return values of a channel over voxels, float32 [M, C] in 0..255. name: in channels.CHANNELS; face: int64 [M] of the
+        surface, of materials with the map; bary: float64 [M, 3]."""
         material_name = BY_NAME[name].material_name
         if material_name != name:
             return self._frames.deviations(material_name, face, bary, threads)

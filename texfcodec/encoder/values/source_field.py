@@ -1,4 +1,4 @@
-"""From geometry and source to a field that can be coded: active voxels, their threshold and their colours (encoder only)."""
+"""From geometry and source to a field for coding: active voxels, their threshold and their colours (encoder only)."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ FITTED_DENSITY = 3  # where a surface fit follows: 2 saves 0.3 to 1 s, costs up 
 
 @dataclass(frozen=True)
 class SourceField:
-    """A field before coding. support: its voxels or texels; threshold: the area threshold that voxels were kept by; planes:
-    float32 [N, C] in 0..255 by channel name, colour sRGB-coded; shifts: by channel name, levels that a plane is coarser than the
-    support; texels_per_edge: how much finer than the voxels the textures are;
-    exact: whether values are worth their bits at any rate, being few; nearest: whether texels are shown as squares;
-    is_uniform: whether all of its surface shows one, which its planes hold; qp_offset: to the rate's QP, of its values."""
+    """A field before coding. support: its voxels or texels; threshold: area threshold of its voxels; planes: float32 [N, C] in
+    0..255 by channel name, colour sRGB-coded; shifts: by channel name, levels by which a plane is coarser than the support;
+    texels_per_edge: texels of the textures along the edge of a voxel; exact: whether the values are so few that exact coding pays
+    at any rate; nearest: whether texels are shown as squares; is_uniform: whether all of its surface shows a single colour, which
+    its planes hold; qp_offset: of its values, to the rate's QP."""
 
     support: VoxelSupport | TexelSupport
     threshold: int
@@ -51,13 +51,13 @@ class SourceField:
         return self.support.keys
 
     def with_planes(self, planes: dict, shifts: dict | None = None) -> SourceField:
-        """The field with planes in place of, or beside, those of the same channels; shifts: by channel name, of these planes."""
+        """Return the field with planes that replace or join those it has; shifts: by channel name, of these planes."""
         return replace(self, planes={**self.planes, **planes}, shifts={**self.shifts, **(shifts or {})})
 
 
 class FieldKey(NamedTuple):
-    """What values of a field over voxels depend on beside the scene, at any QP. faces: the field's faces of the surface that is
-    sent, as a digest of that surface; keys: of its voxels."""
+    """Everything beside the scene that values of a field over voxels depend on, at any QP. faces: digest of the sent surface's
+    faces of the field; keys: of its voxels."""
 
     step: str
     number: int
@@ -67,20 +67,20 @@ class FieldKey(NamedTuple):
 
 
 def field_key(step: str, number: int, source: Source, part: SourceField) -> FieldKey:
-    """The key of a step's result for a field. part: over voxels."""
+    """Return the key of a step's result for a field. part: over voxels."""
     assert isinstance(part.support, VoxelSupport)
     faces, keys = source.surface.digest() + source.face_field.tobytes(), part.support.keys.tobytes()
     return FieldKey(step, number, sha256(faces).digest(), sha256(keys).digest(), part.support.resolution)
 
 
 def colour_planes(rgba: np.ndarray, source: Source) -> dict:
-    """Planes of base colour and, where it is coded, alpha, by channel name, of values float32 [N, 4]."""
+    """Return planes of base colour and, if it is coded, alpha, by channel name, of values float32 [N, 4]."""
     coded = [channel for channel in source.channels if channel in COLOURS]
     return {channel.name: np.ascontiguousarray(rgba[:, list(channel.columns)]) for channel in coded}
 
 
 def active_voxels(lattice: np.ndarray, faces: np.ndarray, position_bits: int, price: Lagrangian) -> SourceField:
-    """Voxelises the decoded surface of one field at the K of price. Raises LimitError."""
+    """Voxelise the decoded surface of one field at the K of price. Raises LimitError."""
     total, limits = count_samples(lattice, faces, position_bits, price.resolution), price.limits
     if limits.samples is not None and total > limits.samples:
         raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=total, allowed=limits.samples)
@@ -90,20 +90,20 @@ def active_voxels(lattice: np.ndarray, faces: np.ndarray, position_bits: int, pr
 
 
 def check_voxels(fields: list[SourceField], limits: Limits) -> None:
-    """Raises LimitError where SourceFields together have too many voxels."""
+    """Raise LimitError if SourceFields together have too many voxels."""
     voxels = sum(len(part.support) for part in fields)
     if limits.voxels is not None and voxels > limits.voxels:
         raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=voxels, allowed=limits.voxels)
 
 
 def transfer_density(per_edge: float, price: Lagrangian) -> int:
-    """Samples per voxel edge of a transfer. per_edge: texels along it."""
+    """Return samples per voxel edge of a transfer. per_edge: texels along it."""
     most = FITTED_DENSITY if price.is_fitted else TRANSFER_DENSITY[price.effort]
     return int(np.clip(np.ceil(2 * per_edge), SAMPLES_PER_EDGE, most))
 
 
 def transferred(part: SourceField, source: Source, number: int, price: Lagrangian) -> SourceField:
-    """A SourceField, number `number` of a codecs.base.Source, with base colour and alpha from the scene's textures."""
+    """Return a SourceField, field `number` of a codecs.base.Source, with base colour and alpha from the scene's textures."""
     surface, in_field = source.surface, source.face_field == number
     assert isinstance(part.support, VoxelSupport)
     bits, packed = surface.cube.position_bits, pack_source(source.scene, surface.origin_face[in_field])
@@ -115,5 +115,5 @@ def transferred(part: SourceField, source: Source, number: int, price: Lagrangia
 
 
 def uniform_field(part: SourceField, source: Source, colour: np.ndarray) -> SourceField:
-    """A SourceField whose surface shows one colour, RGBA float32 [4], with it: nothing is looked at."""
+    """Return a SourceField with a single colour, RGBA float32 [4], without sampling anything."""
     return replace(part, is_uniform=True).with_planes(colour_planes(np.tile(colour, (len(part.support), 1)), source))

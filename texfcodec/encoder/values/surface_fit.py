@@ -43,7 +43,7 @@ NEIGHBOURS = 27
 @dataclass
 class FieldSurface:
     """The part of the source that one field colours. lattice: int64 [V, 3]; faces: int64 [F, 3], face i being face i of `source`
-    (of pack_source); position_bits; resolution: K; keys: int64 [N] ascending; brick_map: theirs."""
+    (of pack_source); position_bits; resolution: K; keys: int64 [N] ascending; brick_map: of the keys."""
 
     lattice: np.ndarray
     faces: np.ndarray
@@ -55,18 +55,19 @@ class FieldSurface:
 
     @property
     def has_area(self) -> bool:
-        """Whether there is a point of it to sample: faces whose corners lie on a line are kept, and have none."""
+        """Whether there is a point to sample: faces whose corners lie on a line are kept, but have no area."""
         return bool(relative_areas(self.lattice, self.faces).any())
 
     def sample(self, count: int, seed: int, threads: int) -> tuple[np.ndarray, np.ndarray]:
-        """`count` points spread evenly by area: (float64 [count, 3] grid coordinates, float32 [count, 4] source RGBA 0..255)."""
+        """Return `count` points spread evenly by area: (float64 [count, 3] grid coordinates, float32 [count, 4] source RGBA
+        0..255)."""
         face, bary = sample_surface(self.lattice, self.faces, count, seed)
         points = np.einsum("nc,ncd->nd", bary, self.lattice[self.faces[face]])
         points *= self.resolution / (1 << self.position_bits)
         return points, sample_source(self.source, face, bary, threads)
 
     def error(self, colour: np.ndarray, points: np.ndarray, rgba: np.ndarray, threads: int) -> dict[str, float]:
-        """Mean squared error of the field with these voxel colours, float32 [N, 3], at points: colour_mse()'s dict."""
+        """Return the mean squared error of the field with these voxel colours, float32 [N, 3], at points: colour_mse()'s dict."""
         colour = np.ascontiguousarray(colour, np.float32)
         got, _ = query_field(points, self.resolution, self.keys, self.brick_map, colour, threads)
         error = ColourError()
@@ -76,7 +77,8 @@ class FieldSurface:
 
 @kernel
 def _adjacent(xyz, begin, end, size, slots, bricks, words, ranks, near, mask):
-    """Active neighbours of voxels begin..end-1, themselves included: near int32 [N, 27], mask int64 [N] of those that are."""
+    """Fill near int32 [N, 27] with the active neighbours of voxels begin..end-1, themselves included, and mask int64 [N] with
+    bits of the active ones."""
     for i in range(begin, end):
         x, y, z = np.int64(xyz[i, 0]), np.int64(xyz[i, 1]), np.int64(xyz[i, 2])
         mask[i] = 0
@@ -89,7 +91,7 @@ def _adjacent(xyz, begin, end, size, slots, bricks, words, ranks, near, mask):
 
 @kernel
 def _corners(points, begin, end, size, slots, bricks, words, ranks, rank, weight):
-    """Ranks int32 [M, 8] (-1 where not active) and renormalised trilinear weights float32 [M, 8] of points begin..end-1."""
+    """Fill ranks int32 [M, 8] (-1 if not active) and renormalised trilinear weights float32 [M, 8] of points begin..end-1."""
     for i in range(begin, end):
         x, y, z = points[i, 0] - 0.5, points[i, 1] - 0.5, points[i, 2] - 0.5
         bx, by, bz = np.int64(np.floor(x)), np.int64(np.floor(y)), np.int64(np.floor(z))
@@ -109,7 +111,7 @@ def _corners(points, begin, end, size, slots, bricks, words, ranks, rank, weight
 
 @kernel
 def _accumulate(rank, weight, rgba, low, high, first, mask, gram, right):
-    """Adds the samples to rows low..high-1 of the normal equations: gram float32 [nnz], right float32 [N, 3].
+    """Add the samples to rows low..high-1 of the normal equations: gram float32 [nnz], right float32 [N, 3].
 
     rank int32 [M, 8] < N with weight float32 [M, 8]; two active corners of one sample are neighbours, so their bit in mask is set
     and the slot lies in the row. Rows get their samples in order, whatever the ranges are.
@@ -130,7 +132,8 @@ def _accumulate(rank, weight, rgba, low, high, first, mask, gram, right):
 
 
 def _neighbourhoods(surface, pool):
-    """The active neighbours of all voxels: int64 [N + 1] where each row begins, int32 [nnz] their ranks, int64 [N] masks."""
+    """Return the active neighbours of all voxels: int64 [N + 1], the start of each row, int32 [nnz] their ranks, int64 [N]
+    masks."""
     n, xyz = len(surface.keys), decode_morton(surface.keys)
     mask = np.empty(n, np.int64)
 
@@ -145,7 +148,7 @@ def _neighbourhoods(surface, pool):
 
 
 def _normal_equations(surface, density, threads, on_progress):
-    """(_Matrix of N rows, right-hand side float32 [N, 3]) over samples at `density` per voxel edge."""
+    """Return (_Matrix of N rows, right-hand side float32 [N, 3]) over samples at `density` per voxel edge."""
     n = len(surface.keys)
     cuts = np.linspace(0, n, threads + 1).astype(np.int64)
     with ThreadPoolExecutor(threads) as pool:
@@ -169,7 +172,7 @@ def _normal_equations(surface, density, threads, on_progress):
 
 @kernel
 def _times(first, columns, gram, x, out):
-    """Rows of a matrix times x float32 [N, C], into zeros out float32 [N, C]. columns: ranks of active voxels, < N."""
+    """Add rows of a matrix times x float32 [N, C] to zeros out float32 [N, C]. columns: ranks of active voxels, < N."""
     for row in range(out.shape[0]):
         for k in range(first[row], first[row + 1]):
             for c in range(out.shape[1]):
@@ -187,7 +190,7 @@ class _Matrix(NamedTuple):
     gram: np.ndarray
 
     def times(self, x: np.ndarray) -> np.ndarray:
-        """The product with x [N, C]: float32 [N, C]."""
+        """Return the product with x [N, C]: float32 [N, C]."""
         x = np.ascontiguousarray(x, np.float32)
         out = np.zeros_like(x)
         _times(*self, x, out)
@@ -199,7 +202,8 @@ class _Matrix(NamedTuple):
 
 
 def _conjugate_gradients(matrix, damping, right, iterations):
-    """x float32 [N, C] with (matrix + damping) x = right, every column by itself, from 0, after so many iterations."""
+    """Return x float32 [N, C] with (matrix + damping) x = right, every column by itself, from 0, after `iterations`
+    iterations."""
     x, residual = np.zeros_like(right), right.copy()
     direction, power = residual.copy(), _columns_dot(residual, residual)
     for _ in range(iterations):

@@ -1,5 +1,5 @@
-"""Where the requested QP is not what a unit of values should be coded with: images of few colours are worth coding exactly where
-that is cheap, and an image that its own file had already coded is not worth more bytes than that file (encoder only)."""
+"""Units of values that are better coded at another QP than the requested one: images of few colours are coded exactly if that is
+cheap, and an image that its own file had already coded gets no more bytes than that file (encoder only)."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ MOST_COARSER = 18  # QP, a step of eight times the requested one
 
 @dataclass(frozen=True, kw_only=True)
 class CodedUnit:
-    """An attribute unit and what it holds. codec: its codec; values: of its syntax elements; bytes: that its values take; plane:
-    float32 [n, C], what was coded; decoded: uint8 [n, C]."""
+    """A coded attribute unit. codec: its codec; values: of its syntax elements; bytes: of its values; plane: float32 [n, C],
+    before coding; decoded: uint8 [n, C]."""
 
     codec: Codec
     values: dict
@@ -40,7 +40,8 @@ class CodedUnit:
 
 
 def has_few_colours(plane: np.ndarray) -> bool:
-    """Whether the rows of values, float32 [N, C] in 0..255, are of at most FEW_COLOURS kinds once they are rounded."""
+    """Return whether the rows of values, float32 [N, C] in 0..255, have at most FEW_COLOURS different values once they are
+    rounded."""
     quick = plane[:: max(1, len(plane) // QUICK_LOOK)]
     return all(_kinds(part) <= FEW_COLOURS for part in (quick, plane))
 
@@ -52,11 +53,12 @@ def _kinds(plane):
 
 def choose_qp(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder, worth: float,
           budget: float | None) -> Decision[CodedUnit]:
-    """The unit that is kept in place of the first, which has the coder's QP.
+    """Return the Decision on the unit that replaces the first, which has the coder's QP.
 
-    code: codes the same values with another coder; worth: bytes that a squared error of the unit's values is worth; budget: bytes
-    that the image files behind it have, None where they say nothing. It is the first where nothing is gained; the evidence says
-    where the QP was not followed."""
+    code: function that codes the same values with another coder; worth: bytes that a squared error of the unit's values is worth;
+    budget: bytes of the image files behind it, None if these set no quality. The first stays if nothing is gained. The evidence
+    says why the QP is not the requested one.
+    """
     if coder.qp is None or not first.bytes:
         return Decision(first, {})
     error = float(((first.decoded - np.rint(first.plane)) ** 2).mean())
@@ -70,7 +72,7 @@ def choose_qp(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder
 
 
 def _within(first, code, coder, budget):
-    """The finest coding that takes no more than a budget, among coarser ones; the coarsest that was tried where none does."""
+    """Return the finest coding, among coarser ones, that takes no more than a budget; the coarsest tried if none does."""
     most = budget + LEAST_SAVED
     units, at, low, high = {coder.qp: first}, coder.qp, coder.qp, min(coder.qp + MOST_COARSER, LAST_QP) + 1
     while high - low > 1 and len(units) <= MOST_TRIES:  # low takes more than that, high no more
@@ -85,8 +87,8 @@ def _within(first, code, coder, budget):
 
 
 def image_budgets(source: Source, fields: list[SourceField]) -> dict[tuple[int, int], float]:
-    """Bytes of the lossy image files behind each unit, by (field, group). An image behind several units gives each a part, by
-    values. A unit with a lossless image or vertex colours behind it has none: they set no quality."""
+    """Return bytes of the lossy image files behind each unit, by (field, group). An image behind several units gives each a part,
+    by number of values. A unit with a lossless image or vertex colours behind it has no budget: they set no quality."""
     sizes: dict[int, int | None] = {}
     behind: dict[int, dict[tuple[int, int], int]] = {}
     for number, part in enumerate(fields):
@@ -107,7 +109,7 @@ def image_budgets(source: Source, fields: list[SourceField]) -> dict[tuple[int, 
 
 
 def _textures_behind(scene, materials, group):
-    """Textures that some materials have for the channels of a group."""
+    """Return textures that some materials have for the channels of a group."""
     textures = set()
     for material, channel in ((m, c) for m in materials for c in group.channels):
         textures.add(material.texture if channel in COLOURS else material.maps.get(channel.material_name, -1))

@@ -75,9 +75,9 @@ class SentMesh:
     """The mesh that is sent.
 
     scene: with the faces that are sent; surface: the same on its lattice; source_face: int64 [G], index of the source face that
-    each face was simplified from; source_on_mesh: the source's faces on that surface, or the surface itself; corner_places: where
-    their corners lie there, None if it is the surface; carries: whether its faces are fewer and have UVs of their own, so that
-    they show what the scene shows; saved: bytes that it costs less than the source's mesh.
+    each face was simplified from; source_on_mesh: the source's faces on that surface, or the surface itself; corner_places:
+    places of their corners there, None if it is the surface; carries: whether its faces are fewer and have UVs of their own, so
+    that they show the same as the scene; saved: bytes that it costs less than the source's mesh.
     """
 
     scene: Scene

@@ -35,8 +35,8 @@ class NormalMatrix:
 
 
 class PointResiduals(NamedTuple):
-    """Points of faces and where they should move. face: int64 [M]; bary: float64 [M, 3]; residual: float64 [M, 3], the wanted
-    movement; direction: float64 [M, 3]; weight: float64 [M]."""
+    """Points of faces and their wanted movement. face: int64 [M]; bary, residual, direction: float64 [M, 3], the residual being
+    the movement; weight: float64 [M]."""
 
     face: np.ndarray
     bary: np.ndarray

@@ -43,10 +43,10 @@ class SimplifiedMesh:
 @dataclass(frozen=True, kw_only=True)
 class Simplification:
     """A sequence of collapses. source: the mesh that it starts from; lines: int64 [L, 2], its edges that are borders or named;
-    kept, removed: int64 [C], the vertices that a collapse joins, the first of which lives on; placed: float64 [C, 3], where;
-    error: float64 [C], the sum of squared distances to the planes there, by their areas, in units of half the longest side;
-    remaining: int64 [C], faces after it, descending; last: int64 [F], the collapse that takes a face away, C for those that stay,
-    -1 for those that had two equal corners."""
+    kept, removed: int64 [C], the vertices that a collapse joins, the first of which stays; placed: float64 [C, 3], the position
+    of the joined vertex; error: float64 [C], the sum of squared distances to the planes there, by their areas, in units of half
+    the longest side; remaining: int64 [C], faces after it, descending; last: int64 [F], the collapse that removes a face, C for
+    those that stay, -1 for those that had two equal corners."""
 
     source: Mesh
     lines: np.ndarray

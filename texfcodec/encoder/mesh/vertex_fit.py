@@ -1,8 +1,8 @@
 """Fit of a mesh's vertices to a source surface by least squares (encoder only).
 
-Points spread over both surfaces, each with the nearest point of the other: the distance along the source's normal counts in full,
-the rest of it by TANGENTIAL, and differences of the displacements of neighbours by STIFFNESS. Points on lines (borders, and what
-the caller names) count by their distance to the line. The nearest points change as the vertices move, so it is done again.
+Points are spread over both surfaces, each with the nearest point of the other. The distance along the source's normal counts in
+full, the rest of it by TANGENTIAL, and differences of the displacements of neighbours by STIFFNESS. Points on lines (borders and
+lines of the caller) count by their distance to the line. The nearest points change as the vertices move, so the fit is repeated.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Layers of one component: faces that welding has joined although they look different and lie on each other (encoder only).
+"""Layers of one component: faces that are joined by welding although they look different and coincide (encoder only).
 
 Two coincident sheets share every edge once equal positions are merged, so that neither components nor directions part them.
 """

@@ -1,7 +1,7 @@
 """Splitting a mesh into fields, so that surfaces that lie close together do not share voxels (paper: limitations).
 
-Faces are first grouped into pieces: edge-connected components, and, where a component folds onto itself, its parts by the sign
-of the dominant normal component. Pieces that meet in a cell of 2x2x2 voxels get different fields by greedy colouring.
+Faces are first grouped into pieces: edge-connected components, each of which is divided by the sign of the dominant normal
+component if it folds onto itself. Pieces that meet in a cell of 2x2x2 voxels get different fields by greedy colouring.
 """
 
 from collections.abc import Sequence

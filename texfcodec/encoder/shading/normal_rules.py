@@ -76,14 +76,14 @@ class Shading:
 
     @property
     def sharp_edges(self) -> dict | None:
-        """Syntax values of the sharp_edges unit, None where there is none."""
+        """Return the syntax values of the sharp_edges unit, None if there is none."""
         if self.marks is None:
             return None
         return {"num_edges": len(self.marks), "marks_crc": zlib.crc32(self.marks.tobytes()), "marks_data": self.data}
 
     @property
     def coded_normals(self) -> dict | None:
-        """Syntax values of the coded_normals unit, None where there is none."""
+        """Return the syntax values of the coded_normals unit, None if there is none."""
         if self.coded is None:
             return None
         return {"num_groups": len(self.coded.groups), "normal_step": self.coded.step, "residual_data": self.coded.data,

@@ -21,10 +21,11 @@ REFERENCE_K, LEAST_K = 1024, 256  # no source counts as coarser than voxels of t
 
 
 def reference_values(surface: Surface, groups: list[ImageGroup], others: np.ndarray) -> float:
-    """Values that the whole surface would have if all of it were as dense as what is coded: an image has its texels, but no more
-    than voxels of REFERENCE_K, and anything else such voxels. Palettes and flat colours do not count.
+    """Return the values that the whole surface would have if all of it were as dense as its coded content. An image has its
+    texels, but at most as many as voxels of REFERENCE_K; everything else has such voxels. Palettes and flat colours do not count.
 
-    others: bool [F], faces outside of the groups that show more than one colour."""
+    others: bool [F], faces outside of the groups that show more than one colour.
+    """
     voxels = face_areas(surface.lattice, surface.faces) * (REFERENCE_K / (1 << surface.cube.position_bits)) ** 2 * VOXELS_PER_AREA
     whole = float(voxels.sum())
     parts = [(float(voxels[group.faces].sum()), texels_shown(group)) for group in groups if not group.palette]

@@ -70,7 +70,7 @@ class TexelMeans(NamedTuple):
 
 def texel_means(uv: np.ndarray, values: np.ndarray, area: np.ndarray, fraction_bits: int, size: tuple[int, int],
                wrap: tuple[int, int]) -> TexelMeans:
-    """What faces show of their corners' values on each texel.
+    """Return means of the corners' values over each texel that faces show.
 
     Parameters
     ----------
@@ -79,15 +79,14 @@ def texel_means(uv: np.ndarray, values: np.ndarray, area: np.ndarray, fraction_b
     values : float64 [N, 3, C]
         Of their corners, interpolated between them.
     area : float64 [N]
-        Of the faces; a face spreads it evenly over the texels that it asks.
+        Of the faces; a face spreads it evenly over the texels that it covers.
     size, wrap : (int, int)
         (width, height) of the image; its modes.
 
     Returns
     -------
     TexelMeans
-        None of them where the faces go over more than MOST_VISITS texels: an image that repeats so often holds nothing for
-        itself.
+        Empty if the faces cover more than MOST_VISITS texels: an image that repeats so often has no use for means.
     """
     columns = values.shape[2]
     texels = _areas(uv) / 4.0**fraction_bits

@@ -60,7 +60,7 @@ def _adam(values, gradient, mean, square, begin, end, rate, mean_scale, square_s
 @dataclass
 class View:
     """A picture as a linear map of the voxels' colours. size: pixels a side; pixel: int64 [M], the covered ones, row * size +
-    column; target: float32 [M, 3], the source's colours; rank: int32 [M, 8] into all voxels, -1 for none; weight: float32
+    column; target: float32 [M, 3], the source's colours; rank: int32 [M, 8] into all voxels, -1 without a voxel; weight: float32
     [M, 8]."""
 
     size: int

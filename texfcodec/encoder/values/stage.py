@@ -1,4 +1,4 @@
-"""Sixth stage: the values of every field, brought from the source (encoder only)."""
+"""Sixth stage: the values of every field, transferred from the source (encoder only)."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def choose_qp(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder
 
 
 def _within(first, code, coder, budget):
-    """Return the finest coding, among coarser ones, that takes no more than a budget; the coarsest tried if none does."""
+    """Return the Decision on the finest coding, among coarser ones, within a budget; on the coarsest tried if none is."""
     most = budget + LEAST_SAVED
     units, at, low, high = {coder.qp: first}, coder.qp, coder.qp, min(coder.qp + MOST_COARSER, LAST_QP) + 1
     while high - low > 1 and len(units) <= MOST_TRIES:  # low takes more than that, high no more

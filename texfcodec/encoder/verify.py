@@ -69,22 +69,15 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
 
     Parameters
     ----------
-    scene : Scene
-        The source.
-    options : EncodeOptions
-        Without a target.
+    scene, options : Scene, EncodeOptions
+        The source, and settings without a target.
     report : Report
         Receives seconds by stage, and the messages of the stream that is kept.
 
     Returns
     -------
     Encoded
-        The stream and its report; its check is that of check_encoded().
-
-    Raises
-    ------
-    InputError, LimitError, SupportError
-        As of encode_scene().
+        The stream and its report, with the result of check_encoded(). Raises as encode_scene().
     """
     begin, kept = time.perf_counter(), Report(report.on_progress)
     may_try_again = options.support == "auto" and promised_psnr(options) is not None
@@ -186,10 +179,8 @@ def check_encoded(scene: Scene, encoded: Encoded, options: EncodeOptions, second
 
     Parameters
     ----------
-    scene : Scene
-        The source.
-    encoded : Encoded
-        Its stream, with the values of the encoder.
+    scene, encoded : Scene, Encoded
+        The source, and its stream with the values of the encoder.
     options : EncodeOptions
         As they were for the encode.
     seconds : float

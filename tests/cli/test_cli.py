@@ -261,7 +261,7 @@ def test_progress_bar_shows_on_a_terminal_only(mesh, tmp_path):
 
 
 def test_internal_error_is_one_line_and_the_traceback_is_on_request(call, mesh, tmp_path, monkeypatch):
-    monkeypatch.setattr("texfcodec.encoder.encode.encode_scene", lambda *_, **__: 1 // 0)
+    monkeypatch.setattr("texfcodec.encoder.verify.encode_checked", lambda *_, **__: 1 // 0)
     code, out, err = call("texf-enc", mesh, tmp_path / "a.texf", *SMALL)
     lines = [line for line in err.splitlines() if "not coded" not in line]
     assert code == 4 and out == "" and len(lines) == 1 and "ZeroDivisionError" in lines[0] and "TEXF_TRACEBACK" in lines[0]
@@ -274,7 +274,7 @@ def test_memory_error_is_exit_6(call, mesh, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise MemoryError
 
-    monkeypatch.setattr("texfcodec.encoder.encode.encode_scene", fail)
+    monkeypatch.setattr("texfcodec.encoder.verify.encode_checked", fail)
     assert call("texf-enc", mesh, tmp_path / "a.texf", *SMALL)[0] == 6
 
 

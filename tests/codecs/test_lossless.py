@@ -1,6 +1,7 @@
 """Residuals (clause 7.9): lossless and near-lossless fields, from the codec to the command line."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from unittest.mock import patch
 
@@ -37,7 +38,12 @@ def sliced(monkeypatch):
 def prepared_scene(scene, **choices):
     """(Plan, function from a max_error to the stream)."""
     prepared = Encoder(scene=scene).filled(EncodeOptions(max_error=0, threads=2, **choices), Report())
-    return prepared, lambda bound: write(prepared.at(max_error=bound), Report()).data
+
+    def coded(bound):
+        coder = prepared.price.planes.at(max_error=bound)
+        return write(replace(prepared, price=replace(prepared.price, coder=coder)), Report()).data
+
+    return prepared, coded
 
 
 def rgba_of(field):
@@ -90,13 +96,13 @@ def decoded_field(keys, coded, codewords, depth=5, stop=5, threads=1):
 @pytest.mark.parametrize("effort", ["fast", "balanced"])
 def test_lossless_gives_back_every_rounded_colour_and_alpha(effort):
     prepared, code = prepared_scene(shapes.crossing_sheets(), resolution=48, effort=effort)
-    assert (colours(write(0)) == sources(prepared)).all()
+    assert (colours(code(0)) == sources(prepared)).all()
 
 
 def test_lossless_keeps_a_single_voxel():
     prepared, code = prepared_scene(shapes.painted_sphere(), resolution=1)
     with patch("texfcodec.encoder.values.coder.codec_for", lambda plane, asked: asked):
-        data = write(0)
+        data = code(0)
     assert read_stream(data, Limits()).attributes[0]["residual"] == 0
     assert (colours(data) == sources(prepared)).all()
 
@@ -105,7 +111,7 @@ def test_no_value_is_further_off_than_the_bound_and_bytes_fall_with_it():
     prepared, code = prepared_scene(shapes.painted_sphere(16), resolution=64, area_threshold=0)
     source, sizes = sources(prepared), []
     for bound in (0, 1, 2, 7):
-        data = write(bound)
+        data = code(bound)
         assert np.abs(colours(data) - source).max() <= bound
         sizes.append(len(data))
     assert sizes == sorted(sizes, reverse=True) and len(set(sizes)) == len(sizes)
@@ -114,13 +120,13 @@ def test_no_value_is_further_off_than_the_bound_and_bytes_fall_with_it():
 @pytest.mark.parametrize("bound", [0, 2])
 def test_the_naive_decoder_agrees_on_colour_and_alpha(bound):
     _, code = prepared_scene(shapes.crossing_sheets(), resolution=18, partition="off")
-    assert_naive_agrees(write(bound))
+    assert_naive_agrees(code(bound))
 
 
 @pytest.mark.usefixtures("sliced")
 def test_the_naive_decoder_agrees_with_slices():
     prepared, code = prepared_scene(shapes.crossing_sheets(), resolution=18, partition="off")
-    data = write(1)
+    data = code(1)
     assert read_stream(data, Limits()).attributes[0]["NumSlices"] > 1
     assert_naive_agrees(data)
     assert np.abs(colours(data) - sources(prepared)).max() == 1
@@ -158,7 +164,7 @@ def test_levels_of_detail_are_those_without_residuals():
 
 def test_a_broken_residual_is_found_by_the_checksum():
     _, code = prepared_scene(shapes.painted_sphere(), resolution=24)
-    stream = read_stream(write(0), Limits())
+    stream = read_stream(code(0), Limits())
     stream.attributes[0]["values_crc"] ^= 1
     assert len(decode(write_stream(stream)[0], DecodeOptions(lod=1)).fields[0].keys) > 1
     with pytest.raises(StreamError, match="checksum"):

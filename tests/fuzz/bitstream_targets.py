@@ -192,10 +192,10 @@ def answer(data: bytes) -> None:
     choices = Choices(data)
     stream, facts, arrays = choices.pick(_answers())
     arrays = dict(arrays)
-    for _ in range(choices.whole(0, 2)):
+    for _ in range(choices.whole(0, 2) if arrays else 0):
         name = choices.pick(sorted(arrays))
         arrays[name] = _odd_array(arrays[name], choices)
-        if choices.flag(8):
+        if choices.flag(8) and len(arrays) > 1:
             del arrays[name]
     texf = texf_of(stream, isolate.ChildAnswer(arrays), DecodeOptions(threads=1), Report(), (facts, arrays))
     if texf.fields and len(texf.faces):
@@ -209,7 +209,7 @@ def _odd_array(array: np.ndarray, choices: Choices) -> np.ndarray:
     if kind < 2 and array.size:
         flat = array.reshape(-1)
         place, odd = choices.whole(0, array.size - 1), max(min(choices.number(), (1 << 63) - 1), -(1 << 63))
-        flat[place] = odd & 255 if array.dtype == np.uint8 else odd
+        flat[place] = np.array(odd).astype(flat.dtype)  # of unsigned ones, the low bits
         return array
     if kind == 2:
         return array[: choices.whole(0, max(len(array) - 1, 0))]

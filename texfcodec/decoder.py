@@ -411,7 +411,7 @@ def _decode_plane(codec, values, support, levels, options):
     """Decodes one attribute unit without its last `levels` levels: uint8 [n, C]. support: the support of its full plane."""
     plane = codec.dec(values, support, levels if codec.has_levels else 0, options.threads)
     if not (codec.has_levels and min(levels, support.depth)):
-        check_values(zlib.crc32(np.ascontiguousarray(plane)), values, codec)  # a plug-in may return a view
+        check_values(zlib.crc32(np.ascontiguousarray(plane).data), values, codec)  # a plug-in may return a view
     return plane if codec.has_levels else support.mean(plane, levels)
 
 

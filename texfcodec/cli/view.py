@@ -155,7 +155,7 @@ def _page(shown, limits, start, report):
     from ..viewer.page import export_page
 
     with report.stage("export"):
-        return export_page(shown, " and ".join(one.name for one in shown), start, __version__, limits=limits)
+        return export_page(shown, " and ".join(asset.name for asset in shown), start, __version__, limits=limits)
 
 
 def _serve(console, shown, start, choices, limits, facts):
@@ -194,7 +194,7 @@ def _open(address):
 def _facts(shown, report):
     from ..report import peak_memory_bytes
 
-    assets = [{"name": one.name, "bytes": one.size} for one in shown]
+    assets = [{"name": asset.name, "bytes": asset.size} for asset in shown]
     return {"assets": assets, "seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(),
             "warnings": report.warnings, "dropped": report.dropped, "remarks": report.remarks}
 

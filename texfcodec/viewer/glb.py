@@ -63,11 +63,11 @@ def glb_of_scene(scene: Scene) -> bytes:
 
 def uv_sets(scene: Scene) -> list[np.ndarray]:
     """The UVs that maps of a Scene have, float64 [F, 3, 2] each, those of base colour first."""
-    found = [scene.corner_uv]
+    sets = [scene.corner_uv]
     for uv in scene.map_uv.values():
-        if not any(uv is other for other in found):
-            found.append(uv)
-    return found
+        if not any(uv is other for other in sets):
+            sets.append(uv)
+    return sets
 
 
 def _entry(scene, material, sets, textures):

@@ -32,9 +32,9 @@ def export_page(assets: Sequence[Shown], title: str, start: dict | None = None, 
     read = lambda name: (WEB / name).read_text(encoding="utf-8")
     style, boot, viewer = inlined(read("style.css"), "\\3c "), inlined(read("boot.js"), "\\x3c"), (WEB / "viewer.js").read_bytes()
     about = json_text(about_page(assets, False, start, version, limits or Limits())).replace("<", "\\u003c")
-    held = {"viewer": viewer, "decoder": MODULE.read_bytes(), **{f"asset-{i}": one.data for i, one in enumerate(assets)}}
+    held = {"viewer": viewer, "decoder": MODULE.read_bytes(), **{f"asset-{i}": asset.data for i, asset in enumerate(assets)}}
     data = [f'<script type="application/json" id="about">{about}</script>']
-    data += [f'<script type="application/octet-stream" id="{name}">{packed(one)}</script>' for name, one in held.items()]
+    data += [f'<script type="application/octet-stream" id="{name}">{packed(piece)}</script>' for name, piece in held.items()]
     allowed = policy([boot.encode(), viewer], style.encode())
     parts = {CHARSET: f'{CHARSET}\n<meta http-equiv="Content-Security-Policy" content="{allowed}">',
              TITLE: f"<title>{html.escape(title)}</title>", STYLE: f"<style>{style}</style>",
@@ -47,7 +47,7 @@ def _with_parts(page, parts):
     if any(page.count(mark) != 1 for mark in parts):
         raise ValueError("a mark of index.html is missing or repeated")
     marks = re.compile("|".join(map(re.escape, parts)))
-    return marks.sub(lambda found: parts[found[0]], page)
+    return marks.sub(lambda mark: parts[mark[0]], page)
 
 
 def policy(scripts: Sequence[bytes], style: bytes) -> str:

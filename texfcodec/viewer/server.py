@@ -109,7 +109,8 @@ def about_page(assets: Sequence[Shown], drop: bool, start: dict | None, version:
     begin, what streams may ask for, and the light."""
     words = {name: name.partition("_")[0] + "".join(part.title() for part in name.split("_")[1:]) for name in LIMITS}
     lights = [{"direction": light.direction.tolist(), "irradiance": light.irradiance.tolist()} for light in DAYLIGHT.lights]
-    return {"assets": [{"name": one.name, "bytes": one.size, "warnings": one.warnings} for one in assets], "version": version,
+    rows = [{"name": asset.name, "bytes": asset.size, "warnings": asset.warnings} for asset in assets]
+    return {"assets": rows, "version": version,
             "drop": drop, "start": start, "light": {"powers": DAYLIGHT.powers.tolist(), "lights": lights},
             "limits": {word: getattr(limits, name) or 0 for name, word in words.items()}}
 

@@ -208,7 +208,7 @@ def test_long_stages_say_how_far_they_are_and_never_go_back():
     run(texfcodec.decode, data, {"threads": 1}, ("geometry", "voxelise", "attributes"))
 
 
-def test_mypy_finds_nothing_in_the_package_and_sees_every_public_name_with_its_type(tmp_path, pytestconfig):
+def test_mypy_finds_nothing_and_sees_every_public_name(tmp_path, pytestconfig):
     """As pyproject.toml sets it up. What it reveals of each name is no Any; two faults of a program that uses them are found."""
     program = "import io\nimport texfcodec\n" + "".join(f"reveal_type(texfcodec.{name})\n" for name in texfcodec.__all__)
     program += 'reveal_type(texfcodec.encode(io.BytesIO(), {"rate": "r03"}))\nreveal_type(texfcodec.decode(b""))\n'

@@ -193,3 +193,14 @@ def test_faces_without_area_keep_their_transfer(refine):
     made = encode_scene(line, EncodeOptions(resolution=8, qp=40, refine=refine), Report())
     fields = made.choices["refinement"].get("fields", [])
     assert made.counts["faces"] == 1 and all(field["kept"] is False for field in fields)
+
+
+def test_values_of_a_field_are_kept_for_its_own_surface_voxels_and_k():
+    """Textures are filtered by the K of all fields, whichever K a field has of its own."""
+    from texfcodec.encoder.values.source_field import field_keys
+
+    filled = Encoder(scene=painted_sphere(8)).filled(EncodeOptions(resolution=16, qp=28, refine="off"), Report())
+    keys = lambda source, k: field_keys("transfer", source, filled.fields, k)
+    assert keys(filled.source, 16) == keys(filled.source, 16)
+    other = filled.source._replace(face_field=filled.source.face_field + 1)
+    assert len({*keys(filled.source, 16), *keys(filled.source, 32), *keys(other, 16)}) == 3

@@ -317,9 +317,12 @@ def test_a_dropped_glb_needs_no_server_but_for_what_the_page_does_not_read(show,
     (tmp_path / "new.glb").write_bytes(assets["source"].data)
     page.drop(tmp_path / "new.glb", 100, 200)
     page.until("viewer.assets[0]?.name === 'new.glb'")
+    sent = "performance.getEntriesByType('resource').filter((entry) => entry.name.includes('/drop?')).length"
+    assert page.run(sent) == 0 and page.message() == ""
     (tmp_path / "bad.glb").write_bytes(b"glTF" + bytes(99))
     page.drop(tmp_path / "bad.glb", 100, 200)
     page.until("/TXF-I33/.test(document.querySelector('#message span')?.textContent)")
+    assert page.run(sent) == 1 and page.run("viewer.assets[0].name") == "new.glb"
     page.errors[:] = [error for error in page.errors if "422" not in error]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Protocol
 
@@ -34,6 +34,7 @@ class Surface:
     origin_face: np.ndarray
     material: np.ndarray
 
+    @cached_property
     def digest(self) -> bytes:
         """SHA-256 of the arrays, 32 bytes: equal for equal surfaces."""
         total = sha256(bytes([self.cube.position_bits]))

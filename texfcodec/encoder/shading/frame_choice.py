@@ -95,7 +95,7 @@ def fit_frames(scene: Scene, surface: Surface, shading: Shading, plans: list[Tex
     """
     if scene.corner_tangent is None or not any(NORMAL in plan.group.maps for plan in plans):
         return Decision(plans, {})
-    frames, digest = Frames(scene, surface, partial(shading.corner_normals, surface)), surface.digest()
+    frames, digest = Frames(scene, surface, partial(shading.corner_normals, surface)), surface.digest
     keys = [_FrameKey(price.qp, digest, shading.signature, plan.signature) for plan in plans]
     fitted = [cache.get(key, partial(_fitted, frames, plan, price)) for key, plan in zip(keys, plans, strict=True)]
     bent = [fit for fit in fitted if fit.area]

@@ -23,7 +23,7 @@ from ..decision import Decision
 from ..prepare.uniform_colour import uniform_colour
 from .map_planes import errors_of, joined, with_grey, with_maps
 from .refinement import Refine, refine_fields
-from .source_field import SourceField, field_key, transferred, uniform_field
+from .source_field import SourceField, field_keys, transferred, uniform_field
 from .unit_qp import CodedUnit, choose_qp, image_budgets
 
 if TYPE_CHECKING:
@@ -65,9 +65,9 @@ class PlaneCoding(Coding):
         """See Coding.content: transfer from the textures, and refinement."""
         source, names, price = placed.source, placed.names, placed.shaded.meshed.price
         fields = list(placed.fields)
-        for number in range(len(names)):
+        for number, key in enumerate(field_keys("transfer", source, fields[: len(names)], price.resolution)):
             with report.stage("transfer", (number, len(names))):
-                fields[number] = _values(placed, number, cache)
+                fields[number] = _values(placed, number, key, cache)
         warning = "anisotropy directions need UVs, which voxels do not have; only the strength is kept"
         directed = any("anisotropy" in own or _is_anisotropic(source, number) for number, own in enumerate(names))
         warnings = (warning,) if directed else ()
@@ -139,13 +139,13 @@ def _is_anisotropic(source, number):
     return any(source.scene.materials[m].parameters.get("anisotropy", (0.0,))[0] > 0 for m in used)
 
 
-def _values(placed, number, cache):
+def _values(placed, number, key, cache):
     """Return a field over voxels with the source's values."""
     part, source, meshed = placed.fields[number], placed.source, placed.shaded.meshed
     price = meshed.price
     colour = uniform_colour(meshed.prepared.colours, source.surface.material[source.face_field == number])
     if colour is None:
-        filled_part = cache.get(field_key("transfer", number, source, part), lambda: transferred(part, source, number, price))
+        filled_part = cache.get(key, lambda: transferred(part, source, number, price))
         filled_part = replace(filled_part, qp_offset=part.qp_offset)
     else:
         filled_part = uniform_field(part, source, colour)

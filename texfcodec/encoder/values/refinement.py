@@ -13,7 +13,7 @@ from ...scene.channels import BASE_COLOUR
 from ...scene.fetch import pack_source
 from ..decision import Decision
 from ..supports.probe import LEFT_BY_FIT
-from .source_field import field_key
+from .source_field import field_keys
 from .surface_fit import HELD_OUT, HELD_OUT_SEED, FieldSurface, fit_surface
 
 if TYPE_CHECKING:
@@ -52,8 +52,9 @@ def refine_fields(source: Source, fields: list[SourceField], price: Lagrangian, 
         if evidence["predicted_gain_db"] < LEAST_GAIN:
             return Decision(fields, evidence | {"reason": "coding would hide the gain of a fit"})
         evidence["reason"] = "coding would not hide the error of the transfer"
-    fits = [cache.get(field_key("fit", number, source, part), partial(_fit, surface, part, price.threads, step))
-            for number, (surface, part) in enumerate(zip(surfaces, fields, strict=True))]
+    keys = field_keys("fit", source, fields, price.resolution)
+    fits = [cache.get(key, partial(_fit, surface, part, price.threads, step))
+            for key, surface, part in zip(keys, surfaces, fields, strict=True)]
     fields = [part.with_planes({COLOUR: fit.value.planes[COLOUR]}) for part, fit in zip(fields, fits, strict=True)]
     evidence = evidence | {"kind": "fit", "fields": [fit.evidence for fit in fits]}
     if wanted.kind != "render":

@@ -56,8 +56,8 @@ class SourceField:
 
 
 class FieldKey(NamedTuple):
-    """Everything beside the scene that values of a field over voxels depend on, at any QP. faces: digest of the sent surface's
-    faces of the field; keys: of its voxels."""
+    """Everything beside the scene that values of a field over voxels depend on, at any QP. faces: digest of the sent surface and
+    its fields; keys: digest of the voxels; resolution: K of all fields, by which textures were filtered."""
 
     step: str
     number: int
@@ -66,11 +66,11 @@ class FieldKey(NamedTuple):
     resolution: int
 
 
-def field_key(step: str, number: int, source: Source, part: SourceField) -> FieldKey:
-    """Return the key of a step's result for a field. part: over voxels."""
-    assert isinstance(part.support, VoxelSupport)
-    faces, keys = source.surface.digest() + source.face_field.tobytes(), part.support.keys.tobytes()
-    return FieldKey(step, number, sha256(faces).digest(), sha256(keys).digest(), part.support.resolution)
+def field_keys(step: str, source: Source, fields: list[SourceField], resolution: int) -> list[FieldKey]:
+    """Return the keys of a step's results for fields over voxels. resolution: K of all fields."""
+    faces = sha256(source.surface.digest + source.face_field.tobytes()).digest()
+    return [FieldKey(step, number, faces, sha256(np.ascontiguousarray(part.keys).data).digest(), resolution)
+            for number, part in enumerate(fields)]
 
 
 def colour_planes(rgba: np.ndarray, source: Source) -> dict:

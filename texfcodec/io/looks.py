@@ -69,7 +69,7 @@ class Looks:
 def looks_of(texf: Texf, held: tuple[str, ...] | None = None, at_vertices: bool = False) -> Looks:
     """The Looks of a decoded stream (Texf), before any image is made. held: names of the channels that the format has, each in
     its own image, or None for glTF; at_vertices: whether colours at vertices may replace an image that shows no more."""
-    skins, face_skin = _skins(texf)
+    skins, face_skin = skins_of(texf)
     of_face = np.column_stack([texf.face_material, face_skin, _says_nothing(texf)])
     kinds, face_look = np.unique(of_face, axis=0, return_inverse=True)
     face_look = face_look.reshape(-1)
@@ -115,7 +115,7 @@ def _make_opaque(texf, looks, skins, face_look):
     return names
 
 
-def _skins(texf):
+def skins_of(texf: Texf) -> tuple[list[Skin], np.ndarray]:
     """(Skins, the atlas first; index of each face's skin, int64 [F])."""
     over_texels = np.array([part.over_texels for part in texf.fields], bool)
     skins = [Skin(None)] * bool((~over_texels).any() and len(texf.faces))

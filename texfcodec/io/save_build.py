@@ -229,24 +229,23 @@ def _textured(texf: Texf, choice: SaveChoice, report: SaveReport) -> tuple[Textu
                               look.face_image[shown])
         report = replace(report, seams=seams)
     look = with_shared_images(look, tints=not choice.looks.apart)
-    images, warnings = _encoded(look, choice, texf.threads)
+    images, warnings = encoded_images(look, choice.options.texture_format, texf.threads, choice.options.texture_quality)
     return look, images, report.warn(warnings)
 
 
-def _encoded(look: Textured, choice: SaveChoice, threads: int) -> tuple[Images, list[str]]:
-    """(textures of a Textured as image files, warnings). Several images are encoded at a time."""
-    options = choice.options
-    wanted = None if options.texture_format == AUTO else IMAGE_FORMATS[options.texture_format]
+def encoded_images(look: Textured, texture_format: str, threads: int, quality: int | None = None) -> tuple[Images, list[str]]:
+    """(textures of a Textured as image files, warnings). Several images are encoded at a time. texture_format, quality: as of
+    SaveOptions."""
+    wanted = None if texture_format == AUTO else IMAGE_FORMATS[texture_format]
     fitting = [(None, ()) if wanted is None else format_for(texture.image, wanted) for texture in look.textures]
 
     def encoded(number):
         texture, form = look.textures[number], fitting[number][0]
         if form is None:
             return automatic_image(texture.image, look.steps[number], texture.srgb)
-        quality = options.texture_quality if form.quality is not None else None
-        return form, encode_image(texture.image, form, quality, texture.srgb)
+        return form, encode_image(texture.image, form, None if form.quality is None else quality, texture.srgb)
 
-    at_once = 1 if options.texture_format == "ktx2" else threads  # its encoder is not known to be safe twice at a time
+    at_once = 1 if texture_format == "ktx2" else threads  # its encoder is not known to be safe twice at a time
     return list(in_order(encoded, range(len(fitting)), at_once)), [text for _, texts in fitting for text in texts]
 
 

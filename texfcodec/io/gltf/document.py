@@ -77,6 +77,11 @@ class Document:
         stride = integer(entry, "byteStride", low=1) if "byteStride" in entry else None
         return data, stride
 
+    def stored(self, index: int) -> memoryview:
+        """The bytes of bufferView `index` as the file has them, compressed or not."""
+        entry = self.entry("bufferViews", index)
+        return self._slice(next((extensions(entry)[name] for name in EXTENSIONS if name in extensions(entry)), entry), index)
+
     def _slice(self, entry, index):
         """The bytes that a bufferView, or an extension in it, refers to."""
         buffer = self.buffer(entry.get("buffer"))

@@ -17,6 +17,7 @@ from .document import Document
 from .properties import extensions, integer, malformed, name_of, numbers, part, title
 
 if TYPE_CHECKING:
+    from ...scene.channels import Channel
     from ..images import TextureShelf
 
 WRAPS = {10497: WRAP_REPEAT, 33071: WRAP_CLAMP, 33648: WRAP_MIRROR}
@@ -69,7 +70,7 @@ def read_look(document: Document, index: int | None) -> Look:
         return Look(np.ones(4), {}, {})
     entry = document.entry("materials", index)
     glossy = part(extensions(entry), _SPECULAR_GLOSSINESS)
-    images = {channel.name: _texture_info(info) for channel in (BASE_COLOUR, *MAPS) if (info := _slot(entry, channel))}
+    images = {channel.name: _texture_info(info) for channel in (BASE_COLOUR, *MAPS) if (info := slot_of(entry, channel))}
     if "diffuseFactor" in glossy or "diffuseTexture" in glossy:
         document.notes.warn(f"material {title(entry, index)} uses {_SPECULAR_GLOSSINESS}; its diffuse becomes the base colour")
         factor = numbers(glossy, "diffuseFactor", (1.0,) * 4)
@@ -89,7 +90,7 @@ def _part_of(entry, extension):
     return part(entry, PBR) if extension == PBR else part(extensions(entry), extension)
 
 
-def _slot(entry, channel):
+def slot_of(entry: dict, channel: Channel) -> dict:
     """The textureInfo of a channel, or {}."""
     return part(_part_of(entry, channel.extension), channel.slot)
 

@@ -61,6 +61,12 @@ class MeshReader:
             self._meshes[index, skinned] = [mesh_part for mesh_part in parts if mesh_part is not None]
         return self._meshes[index, skinned]
 
+    def unposed(self, index: int, number: int) -> Part | None:
+        """Primitive `number` of a mesh in mesh space, before morph targets and skin; None if it has no triangles."""
+        entry = self.document.entry("meshes", index)
+        primitive = {key: value for key, value in entry["primitives"][number].items() if key != "targets"}
+        return self._primitive(entry, primitive, f"mesh {title(entry, index)} primitive {number}", skinned=False)
+
     def drop_unused_uv(self) -> None:
         """Name the UV sets that no image uses."""
         for name in sorted(self._found_uv - self._used_uv):

@@ -17,7 +17,7 @@ from ...errors import InputError, SupportError, TexfError
 from ...report import plural
 from ..authored_normals import place_normals, place_tangents
 from ..images import TextureShelf
-from ..parts import Notes, assemble, check_face_count, no_triangles
+from ..parts import Notes, Part, assemble, check_face_count, no_triangles
 from .carried import EXTENSION, read_carried
 from .document import open_document
 from .left_out import name_extension, name_joined, name_left_out, name_variants
@@ -42,7 +42,7 @@ def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
     """Bytes of a .glb or .gltf file -> Scene. A stream that the file carries is read in place of its meshes. folder: base of
     relative URIs. Raises errors with codes of findings.py."""
     document = open_document(data, folder, notes)
-    _check_required(document)
+    check_required(document)
     scene = _scene_of_stream(document)
     return _scene_of_nodes(document) if scene is None else scene
 
@@ -101,7 +101,8 @@ def _scene_of_nodes(document):
     return scene
 
 
-def _check_required(document):
+def check_required(document: Document) -> None:
+    """Raises SupportError TXF-I31 for a required extension that is not supported."""
     required = document.root.get("extensionsRequired", [])
     if not isinstance(required, list):
         raise malformed("'extensionsRequired' is not an array")
@@ -114,7 +115,7 @@ def _read_nodes(document, meshes):
     """(Parts in world space, indices of the nodes walked), depth first in file order."""
     parts, seen, faces = [], set(), 0
     stack = [(index, np.eye(4)) for index in reversed(_roots(document))]
-    order, rest = [], Rest(document, _local_matrix, _references)
+    order, rest = [], Rest(document, local_matrix, references)
     while stack:
         index, above = stack.pop()
         node = document.entry("nodes", index)
@@ -122,16 +123,16 @@ def _read_nodes(document, meshes):
             raise InputError("TXF-I19", "the node graph is not a tree: a node has two parents", value=index)
         seen.add(index)
         order.append(index)
-        world = above @ _local_matrix(node)
+        world = above @ local_matrix(node)
         if "mesh" in node:
             mesh_parts = meshes.read(_reference(node, "mesh"), skinned="skin" in node)
             placed = rest.posed(mesh_parts, node["skin"], f"node {title(node, index)}") if "skin" in node else None
-            placed = placed or [_place(part, world) for part in mesh_parts]
+            placed = placed or [place(part, world) for part in mesh_parts]
             parts += placed
             faces += sum(len(part.faces) for part in placed)
             check_face_count(faces)
         _drop_node_properties(document, node, index)
-        stack += [(child, world) for child in reversed(_references(node, "children"))]
+        stack += [(child, world) for child in reversed(references(node, "children"))]
     return parts, order
 
 
@@ -139,7 +140,7 @@ def _roots(document):
     """Root node indices of the default scene; in a file without scenes, all nodes without a parent."""
     scenes = document.entries("scenes")
     if not scenes:
-        children = {child for node in document.entries("nodes") for child in _references(node, "children")}
+        children = {child for node in document.entries("nodes") for child in references(node, "children")}
         return [index for index in range(len(document.entries("nodes"))) if index not in children]
     if "scene" not in document.root and len(scenes) > 1:
         document.notes.lose(f"scenes beside the first ({len(scenes)} without a default)",
@@ -148,7 +149,7 @@ def _roots(document):
     for index, scene in enumerate(scenes):
         if index != chosen:
             document.notes.remark(f"scene {title(scene, index)} is not the default and is left out")
-    return _references(document.entry("scenes", chosen), "nodes")
+    return references(document.entry("scenes", chosen), "nodes")
 
 
 def _reference(entry, key):
@@ -157,14 +158,15 @@ def _reference(entry, key):
     return entry[key]
 
 
-def _references(entry, key):
+def references(entry: dict, key: str) -> list[int]:
+    """entry[key] as a list of indices, [] if absent."""
     indices = entry.get(key, [])
     if not isinstance(indices, list) or not all(is_index(index) for index in indices):
         raise malformed(f"'{key}' is not an array of indices")
     return indices
 
 
-def _local_matrix(node):
+def local_matrix(node: dict) -> np.ndarray:
     """float64 [4, 4] acting on columns; glTF 2.0 section 3.5.3."""
     if "matrix" in node:
         return np.array(numbers(node, "matrix", (0.0,) * 16)).reshape(4, 4).T
@@ -182,7 +184,7 @@ def _local_matrix(node):
     return matrix
 
 
-def _place(part, world):
+def place(part: Part, world: np.ndarray) -> Part:
     """The Part in world space; a mirroring transform reverses the winding (section 3.5.3)."""
     points = np.asarray(part.positions, np.float64)
     faces = part.faces

@@ -128,7 +128,7 @@ def textured(texf: Texf, look: Textured, images: list[tuple[ImageFormat, str | b
     if len(texf.faces) == 0:
         return document
     corner, looks = texf.faces.ravel(), np.repeat(look.looks.face_look, 3)
-    columns = _columns(texf, look)
+    columns = corner_columns(texf, look)
     keys = (np.ascontiguousarray(column.values).view(np.int32).T for column in columns.values())
     first, index = unique_corners(looks, corner, *(row for key in keys for row in key))
     columns = {name: column._replace(values=column.values[first]) for name, column in columns.items()}
@@ -152,7 +152,7 @@ def _without_direction(material, warnings):
     return replace(material, parameters=kept)
 
 
-def _columns(texf, look):
+def corner_columns(texf: Texf, look: Textured) -> dict[str, Column]:
     """{name: Column [3 F, k]} of the corners' attributes; 0 for faces without."""
     columns = {"TEXCOORD_0": Column(look.corner_uv.astype(np.float32).reshape(-1, 2), "VEC2"),
                "NORMAL": Column(_written_normals(texf, look).reshape(-1, 3), "VEC3")}
@@ -210,13 +210,12 @@ def _are_of_faces(texf, normal, chosen):
 
 def _add_texture(document, texture, form, image):
     """Add a texture for an image, a URI or bytes. form: its ImageFormat. Textures with equal wrap and filter share a sampler."""
-    wrap, name = texture.wrap, texture.name
+    name = texture.name
     if isinstance(image, str):
         entry = {"name": name, "uri": image}
     else:
         entry = {"name": name, "mimeType": form.mime, "bufferView": document.add_view(image)}
-    magnified, minified = _NEAREST if texture.nearest else _LINEAR
-    sampler = {"magFilter": magnified, "minFilter": minified, "wrapS": WRAP_CODES[wrap[0]], "wrapT": WRAP_CODES[wrap[1]]}
+    sampler = sampler_of(texture)
     known = document.json.get("samplers", [])
     at = known.index(sampler) if sampler in known else document.add("samplers", sampler)
     source = {"source": document.add("images", entry)}
@@ -224,6 +223,13 @@ def _add_texture(document, texture, form, image):
         document.use_extension(form.extension, required=True)
         source = {"extensions": {form.extension: source}}
     document.add("textures", {"sampler": at} | source)
+
+
+def sampler_of(texture: Texture) -> dict[str, int]:
+    """The glTF sampler of a Texture."""
+    magnified, minified = _NEAREST if texture.nearest else _LINEAR
+    return {"magFilter": magnified, "minFilter": minified, "wrapS": WRAP_CODES[texture.wrap[0]],
+            "wrapT": WRAP_CODES[texture.wrap[1]]}
 
 
 def coloured(texf: Texf, packing: Plain | None = None) -> Document:

@@ -1,0 +1,243 @@
+"""A glTF file -> the same file with its meshes and images in streams (encoder only)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...io.container.layout import CodedPrimitive, write_extension
+from ...io.container.references import texture_infos
+from ...io.container.rewritten import ARRAY, Rewritten, describe
+from ...io.gltf.accessor import read_accessor
+from ...io.gltf.carried import EXTENSION
+from ...io.gltf.document import open_document
+from ...io.gltf.material import slot_of
+from ...io.gltf.reader import check_required, place
+from ...io.parts import assemble
+from ...scene.channels import BASE_COLOUR, BY_NAME
+from .line_up import line_up
+from .plan import KeptNotes, plan_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ...io.gltf.document import Document
+    from ...options import EncodeOptions
+    from ...report import Report
+    from ...scene.scene import Scene
+    from ...texf import Texf
+    from ..write import Encoded
+    from .plan import CodedPart, Plan
+
+_DRACO = "KHR_draco_mesh_compression"
+Code = "Callable[[Scene, EncodeOptions, Report], Encoded]"
+
+
+@dataclass(kw_only=True)
+class EncodedContainer:
+    """A coded glTF file and its report. data: the GLB; streams: Encoded of each stream; sizes: bytes of "streams" and "other", all
+    else; warnings, dropped, remarks: as of Encoded."""
+
+    data: bytes
+    streams: list[Encoded]
+    sizes: dict[str, int]
+    warnings: list[str] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+
+
+def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: Report, code: Callable) -> EncodedContainer:
+    """Code the meshes of a glTF file.
+
+    Parameters
+    ----------
+    data : bytes
+        A .glb or .gltf file.
+    folder : Path
+        Base of relative URIs.
+    options : EncodeOptions
+        Of every stream; meshes with stored values keep their vertices.
+    report : Report
+        Receives seconds and messages.
+    code : function
+        (Scene, EncodeOptions, Report) -> Encoded.
+
+    Raises
+    ------
+    InputError, LimitError, SupportError
+        The file is at fault.
+    """
+    document = open_document(data, folder, KeptNotes(options.strict, options.limits))
+    check_required(document)
+    with report.stage("plan"):
+        plan = plan_of(document)
+    out, streams, views = Rewritten(document), [], []
+    for parts in plan.streams:
+        coded = _coded(plan, parts, options, report, code)
+        streams.append(coded.encoded)
+        views.append(out.add_view(coded.encoded.data))
+        for part in parts:
+            _write_part(document, out, plan, part, coded, len(views) - 1)
+    if views:
+        _write_file(document, out, plan, views)
+    glb = out.glb()
+    held = sum(len(encoded.data) for encoded in streams)
+    report.remarks += plan.remarks
+    return EncodedContainer(data=glb, streams=streams, sizes={"streams": held, "other": len(glb) - held},
+                            warnings=plan.notes.warnings, dropped=plan.notes.dropped, remarks=plan.remarks)
+
+
+@dataclass(kw_only=True)
+class _Coded:
+    """A coded stream. texf: decoded; units: geometry units of each material number, which is the number of the part."""
+
+    encoded: Encoded
+    texf: Texf
+    units: list[tuple[int, ...]]
+
+
+def _coded(plan: Plan, parts: list[CodedPart], options, report, code) -> _Coded:
+    """Code the parts of a stream. If a material would get its images from two places, all goes over voxels."""
+    from ...decoder import decode_stream
+    from ...options import DecodeOptions
+    from ...report import Report
+
+    keeps = any(part.keeps_vertices for part in parts)
+    request = options.changed(effects="all", **({"keep_mesh": True} if keeps else {}))
+    scene = _scene(plan, parts)
+    for support in (options.support, "voxels"):
+        encoded = code(scene, request.changed(support=support), report)
+        texf = decode_stream(encoded.data, DecodeOptions(limits=options.limits), Report())
+        units = [tuple(n for n, unit in enumerate(texf.units) if unit.material == number) for number in range(len(parts))]
+        if not _is_torn(texf, parts, units):
+            break
+    return _Coded(encoded=encoded, texf=texf, units=units)
+
+
+def _is_torn(texf, parts, units):
+    """Return whether the faces of a material of the file lie in fields that give it several images."""
+    places: dict[int | None, set] = {}
+    for part, of_part in zip(parts, units, strict=True):
+        for number in of_part:
+            field_number = texf.units[number].field
+            places.setdefault(part.material, set()).add(field_number if texf.fields[field_number].over_texels else None)
+    return any(len(of_material) > 1 and material is not None for material, of_material in places.items())
+
+
+def _scene(plan, parts) -> Scene:
+    """Return the Scene of a stream: each part with a material of its own."""
+    materials = [plan.materials[part.material] for part in parts]
+    placed = [replace(place(part.part, part.place), material=number, color=None) for number, part in enumerate(parts)]
+    used = sorted({t for material in materials for t in (material.texture, *material.maps.values()) if t >= 0})
+    number_of = {old: new for new, old in enumerate(used)} | {-1: -1}
+    materials = [replace(material, name=f"{number}", texture=number_of[material.texture],
+                         maps={name: number_of[t] for name, t in material.maps.items()}) for number, material in enumerate(materials)]
+    scene = assemble(placed, materials, [plan.textures[t] for t in used], KeptNotes())
+    scene.flat = True
+    return scene
+
+
+def _write_part(document: Document, out: Rewritten, plan: Plan, part: CodedPart, coded: _Coded, stream: int) -> None:
+    """Write a primitive: its units, and the values that are stored in their vertex order."""
+    number = plan.streams[stream].index(part)
+    units, texf = coded.units[number], coded.texf
+    if not units:
+        return
+    primitive = out.root["meshes"][part.mesh]["primitives"][part.number]
+    points = np.asarray(place(part.part, part.place).positions, np.float64)
+    faces = np.asarray(part.part.faces, np.int64)
+    rows = np.arange(len(points)) if part.part.rows is None else part.part.rows
+    count, splits = sum(len(texf.units[n].lattice) for n in units), np.zeros((0, 2), np.int64)
+    if part.keeps_vertices:
+        stored = _stored_arrays(document, part)
+        lined = line_up(texf, units, points, faces, _equal_rows([values[rows] for values, *_ in stored.values()], len(points)))
+        count, splits = len(lined.source), lined.splits
+        _write_stored(document, out, primitive, stored, rows[lined.source])
+    description = CodedPrimitive(mesh=part.mesh, number=part.number, stream=stream, units=units,
+                                 matrix=np.linalg.inv(part.place), texcoord=plan.texcoord[part.material], splits=splits)
+    _write_described(out, primitive, part, points[np.unique(faces)] @ description.matrix[:3, :3].T + description.matrix[:3, 3],
+                     (count, 3 * sum(len(texf.units[n].faces) for n in units)), bool(plan.slots[part.material]), description.texcoord)
+    at = out.add_accessor(splits.astype(np.uint32), "VEC2") if len(splits) else None
+    write_extension(primitive, description, at)
+
+
+def _stored_arrays(document, part):
+    """Return {place in the primitive: (values [V, k], accessor)} of what is stored: attributes by name, targets by (n, name)."""
+    primitive = document.entries("meshes")[part.mesh]["primitives"][part.number]
+    numbers = {name: primitive["attributes"][name] for name in part.stored}
+    for n, target in enumerate(primitive.get("targets", ())):
+        numbers |= {(n, name): number for name, number in target.items()}
+    return {key: (read_accessor(document, number, ("SCALAR", "VEC2", "VEC3", "VEC4")), number) for key, number in numbers.items()}
+
+
+def _equal_rows(arrays, count):
+    """Return a number for each row, int64 [V], equal for rows that are equal in all arrays."""
+    if not arrays:
+        return np.zeros(count, np.int64)
+    packed = np.concatenate([np.ascontiguousarray(values).view(np.uint8).reshape(count, -1) for values in arrays], axis=1)
+    return np.unique(packed, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def _write_stored(document, out, primitive, stored, rows):
+    """Store the values of a primitive in another order. rows: int64 [N] into the source's."""
+    for key, (values, number) in stored.items():
+        old = document.entry("accessors", number)
+        is_target = isinstance(key, tuple)
+        sparse = is_target and ("sparse" in old or "bufferView" not in old)
+        new = out.add_accessor(values[rows], old["type"], bool(old.get("normalized")), None if sparse else ARRAY, sparse)
+        if is_target and "min" in old:
+            taken = values[rows]
+            out.root["accessors"][new] |= {"min": taken.min(axis=0).tolist(), "max": taken.max(axis=0).tolist()}
+        if is_target:
+            primitive["targets"][key[0]][key[1]] = new
+        else:
+            primitive["attributes"][key] = new
+
+
+def _write_described(out, primitive, part, points, counts, textured, texcoord):
+    """Replace the accessors of what a stream holds by such without data. points: in mesh space; counts: of vertices and
+    corners."""
+    attributes = {name: primitive["attributes"][name] for name in primitive["attributes"] if name in part.stored}
+    bounds = {"min": points.min(axis=0).astype(np.float32).tolist(), "max": points.max(axis=0).astype(np.float32).tolist()}
+    held = {"POSITION": {"componentType": 5126, "count": counts[0], "type": "VEC3", **bounds}}
+    held |= {name: {"componentType": 5126, "count": counts[0], "type": kind}
+             for name, kind in (("NORMAL", "VEC3"), ("TANGENT", "VEC4")) if name in primitive["attributes"]}
+    if textured:
+        held[f"TEXCOORD_{texcoord}"] = {"componentType": 5126, "count": counts[0], "type": "VEC2"}
+    numbers = {name: _shared(out, entry) for name, entry in held.items()}
+    primitive["attributes"] = numbers | attributes
+    primitive["indices"] = _shared(out, {"componentType": 5125, "count": counts[1], "type": "SCALAR"})
+    primitive.pop("mode", None)
+    table = primitive.get("extensions", {})
+    table.pop(_DRACO, None)
+    if "extensions" in primitive and not table:
+        del primitive["extensions"]
+
+
+def _shared(out, entry):
+    """Return the number of an accessor without data, which several primitives may share."""
+    known = out.root["accessors"]
+    return known.index(entry) if entry in known else out.add("accessors", entry)
+
+
+def _write_file(document, out, plan, views):
+    """Name the streams, and take coded images out of the materials."""
+    out.root.setdefault("extensions", {})[EXTENSION] = {"streams": views}
+    out.use_extension(EXTENSION, required=True)
+    empty = None
+    for number, channels in plan.slots.items():
+        for name in channels if number is not None else ():
+            info = slot_of(out.root["materials"][number], BASE_COLOUR if name == BASE_COLOUR.name else BY_NAME[name])
+            empty = out.add("textures", {}) if empty is None else empty
+            info["index"] = empty
+    draco = any(_DRACO in primitive.get("extensions", {}) for mesh in out.root["meshes"] for primitive in mesh["primitives"])
+    if not draco:
+        out.drop_extension(_DRACO)
+    for name in ("KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds"):
+        kept = {info["index"] for entry in out.root.get("materials", []) for info in texture_infos(entry)}
+        if not any(name in out.root["textures"][n].get("extensions", {}) for n in kept):
+            out.drop_extension(name)
+

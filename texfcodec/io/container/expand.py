@@ -1,0 +1,257 @@
+"""A glTF file with coded primitives -> an ordinary glTF file: streams become accessors, indices and images again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...errors import InputError
+from ...scene.channels import BASE_COLOUR, BY_NAME, MAPS
+from ..formats import AUTO
+from ..gltf.accessor import read_accessor
+from ..gltf.carried import EXTENSION
+from ..gltf.document import open_document
+from ..gltf.material import slot_of
+from ..gltf.properties import extensions, part
+from ..gltf.writer import corner_columns, sampler_of
+from ..looks import Look, Looks, Skin, skins_of
+from ..output_textures import textured
+from ..parts import Notes
+from ..save_build import encoded_images
+from ..atlas.sheets import sheets_of
+from ..vertex_appearance import unique_corners
+from .layout import check_corners, is_container, read_primitives, read_streams
+from .rewritten import ARRAY, INDEX, Rewritten
+
+if TYPE_CHECKING:
+    from ...limits import Limits
+    from ...texf import Texf
+    from ..gltf.document import Document
+    from ..output_textures import Textured
+    from .layout import CodedPrimitive
+
+
+def expand_bytes(data: bytes, limits: Limits | None = None, texture_format: str = AUTO, threads: int = 1) -> bytes:
+    """Return an ordinary GLB of a file whose primitives are coded in streams.
+
+    Parameters
+    ----------
+    data : bytes
+        A GLB, or a .gltf whose buffers are in the text.
+    limits : Limits, optional
+        Of each stream.
+    texture_format : str
+        As of SaveOptions.
+    threads : int
+        Most threads.
+
+    Returns
+    -------
+    bytes
+        A GLB; a file without coded primitives is returned unchanged.
+
+    Raises
+    ------
+    InputError, StreamError, LimitError, SupportError
+        The file or a stream is at fault.
+    """
+    document = open_document(data, Path(), Notes(limits=limits))
+    return expanded(document, texture_format, threads) if is_container(document.root) else data
+
+
+def expanded(document: Document, texture_format: str = AUTO, threads: int = 1) -> bytes:
+    """Return an ordinary GLB of a container, as expand_bytes()."""
+    from ...decoder import decode_stream
+    from ...options import DecodeOptions
+    from ...report import Report
+
+    options = DecodeOptions(limits=document.notes.limits, threads=threads)
+    streams = [decode_stream(stream, options, Report()) for stream in read_streams(document)]
+    primitives = read_primitives(document, [len(texf.units) for texf in streams])
+    out = Rewritten(document)
+    for number, texf in enumerate(streams):
+        _Expansion(document, out, texf, [p for p in primitives if p.stream == number]).write(texture_format)
+    out.root["extensions"].pop(EXTENSION)
+    if not out.root["extensions"]:
+        del out.root["extensions"]
+    out.drop_extension(EXTENSION)
+    return out.glb()
+
+
+@dataclass
+class _Expansion:
+    """One stream of a container. primitives: those that consist of its units."""
+
+    document: Document
+    out: Rewritten
+    texf: Texf
+    primitives: list[CodedPrimitive]
+
+    def write(self, texture_format: str) -> None:
+        """Replace the primitives' units by accessors and their materials' images by those of the stream."""
+        for coded in self.primitives:
+            check_corners(coded, self.texf, _stored_count(self.document, self._entry(coded)))
+        look = textured(self.texf, self._looks())
+        self._write_images(look, texture_format)
+        columns = corner_columns(self.texf, look)
+        starts = np.cumsum([0] + [len(unit.faces) for unit in self.texf.units])
+        for coded in self.primitives:
+            rows = np.concatenate([np.arange(starts[n], starts[n + 1]) for n in coded.units])
+            corners = (3 * rows[:, None] + np.arange(3)).reshape(-1)
+            self._write_primitive(coded, rows, {name: column.values[corners] for name, column in columns.items()})
+
+    def _entry(self, coded):
+        return self.out.root["meshes"][coded.mesh]["primitives"][coded.number]
+
+    def _looks(self):
+        """Return the Looks of the stream: one for each material of the file and skin, with an image for each slot."""
+        skins, face_skin = skins_of(self.texf)
+        looks, face_look, known = [], np.full(len(self.texf.faces), -1, np.int64), {}
+        starts = np.cumsum([0] + [len(unit.faces) for unit in self.texf.units])
+        for coded in self.primitives:
+            for unit in coded.units:
+                rows = slice(starts[unit], starts[unit + 1])
+                key = self._entry(coded).get("material"), int(face_skin[starts[unit]])
+                if key not in known:
+                    known[key] = len(looks)
+                    number = self.texf.units[unit].material
+                    material = self.texf.materials[number]
+                    looks.append(Look(number, key[1], material, self._mapped(key[0], material)))
+                face_look[rows] = known[key]
+        for number, skin in enumerate(skins):
+            wanted = {name for look in looks if look.skin == number for name in look.mapped}
+            skin.has_base, skin.sheets = BASE_COLOUR.name in wanted, sheets_of(wanted)
+        self.materials = list(known)
+        if (face_look < 0).any():
+            known[None, None] = len(looks)
+            looks.append(Look(0, int(face_skin[face_look < 0][0]), self.texf.materials[0], ()))
+            face_look[face_look < 0] = len(looks) - 1
+        return Looks(skins, looks, face_look)
+
+    def _mapped(self, number, material):
+        """Return the channels of a material that have both a slot in the file and values in the stream."""
+        if number is None:
+            return ()
+        entry = self.document.entry("materials", number)
+        return tuple(channel.name for channel in (BASE_COLOUR, *MAPS)
+                     if slot_of(entry, channel) and (channel is BASE_COLOUR or channel.name in material.maps))
+
+    def _write_images(self, look: Textured, texture_format):
+        """Add the images of the stream, and name them in the materials."""
+        images, _ = encoded_images(look, texture_format, self.texf.threads)
+        numbers = []
+        for texture, (form, data) in zip(look.textures, images, strict=True):
+            image = self.out.add("images", {"mimeType": form.mime, "bufferView": self.out.add_view(data)})
+            source = {"source": image}
+            if form.extension is not None:
+                self.out.use_extension(form.extension, required=True)
+                source = {"extensions": {form.extension: source}}
+            numbers.append(self.out.add("textures", {"sampler": self._sampler(texture)} | source))
+        texcoord = {self._entry(coded).get("material"): coded.texcoord for coded in self.primitives}
+        for (material, _), images_of in zip(self.materials, look.images, strict=False):
+            for name, texture in images_of.items():
+                channel = BASE_COLOUR if name == BASE_COLOUR.name else BY_NAME[name]
+                info = slot_of(self.out.root["materials"][material], channel)
+                _refer(info, numbers[texture], texcoord[material])
+
+    def _sampler(self, texture):
+        sampler = sampler_of(texture)
+        known = self.out.root.setdefault("samplers", [])
+        return known.index(sampler) if sampler in known else self.out.add("samplers", sampler)
+
+    def _write_primitive(self, coded, rows, columns):
+        """Write one primitive. rows: its faces; columns: values at their corners, [3 F, k]."""
+        entry, texf = self._entry(coded), self.texf
+        vertex = coded.corners(texf).reshape(-1)
+        linear = coded.matrix[:3, :3]
+        mirrored = np.linalg.det(linear) < 0
+        position = texf.positions[texf.faces[rows].reshape(-1)] @ linear.T + coded.matrix[:3, 3]
+        values = {"POSITION": position.astype(np.float32)}
+        needs_normals = any("NORMAL" in target for target in entry.get("targets", ()))
+        if columns["NORMAL"].any() or needs_normals:
+            normal = columns["NORMAL"] if columns["NORMAL"].any() else texf.shading_normals()[rows].reshape(-1, 3)
+            values["NORMAL"] = _unit(normal @ np.linalg.inv(linear)).astype(np.float32)
+            if "TANGENT" in columns and columns["TANGENT"].any():
+                tangent = columns["TANGENT"].astype(np.float64)
+                turned = _unit(tangent[:, :3] @ linear.T)
+                values["TANGENT"] = np.column_stack([turned, tangent[:, 3] * (-1 if mirrored else 1)]).astype(np.float32)
+        if columns["TEXCOORD_0"].any():
+            values[f"TEXCOORD_{coded.texcoord}"] = columns["TEXCOORD_0"].astype(np.float32)
+        order = np.arange(len(vertex)).reshape(-1, 3)
+        order = (order[:, [0, 2, 1]] if mirrored else order).reshape(-1)
+        keys = [row for column in values.values() for row in np.ascontiguousarray(column).view(np.int32).T]
+        first, index = unique_corners(vertex, *keys)
+        self._write_attributes(entry, {name: column[first] for name, column in values.items()}, vertex[first])
+        corners = index[order]
+        corners = corners.astype(np.uint16 if len(first) <= 65535 else np.uint32)[:, None]
+        entry["indices"] = self.out.add_accessor(corners, "SCALAR", target=INDEX)
+        _drop(entry)
+
+    def _write_attributes(self, entry, values, vertex):
+        """Write attributes of the stream, and repeat the stored ones for the vertices. vertex: int64 [N], stored vertex of each."""
+        attributes = {}
+        for name, column in values.items():
+            number = attributes[name] = self.out.add_accessor(column, f"VEC{column.shape[1]}", target=ARRAY)
+            if name == "POSITION":
+                self.out.root["accessors"][number] |= {"min": column.min(axis=0).tolist(), "max": column.max(axis=0).tolist()}
+        for name, number in entry["attributes"].items():
+            if name not in values and _is_stored(self.document, number):
+                attributes[name] = self._repeated(number, vertex)
+        entry["attributes"] = attributes
+        for target in entry.get("targets", ()):
+            for name, number in target.items():
+                target[name] = self._repeated(number, vertex, is_target=True)
+
+    def _repeated(self, number, vertex, is_target=False):
+        """Return the number of a new accessor with the values of stored vertices."""
+        old = self.document.entry("accessors", number)
+        values = read_accessor(self.document, number, ("SCALAR", "VEC2", "VEC3", "VEC4"))[vertex]
+        sparse = is_target and ("sparse" in old or "bufferView" not in old)
+        number = self.out.add_accessor(values, old["type"], bool(old.get("normalized")), None if sparse else ARRAY, sparse)
+        if is_target and "min" in old:
+            self.out.root["accessors"][number] |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+        return number
+
+
+def _is_stored(document, number):
+    """Return whether an accessor has values in the file."""
+    entry = document.entry("accessors", number)
+    return "bufferView" in entry or "sparse" in entry
+
+
+def _stored_count(document, primitive):
+    """Return the number of values of the stored attributes of a primitive, None without any. Raises InputError TXF-I09 if they
+    differ."""
+    numbers = [n for n in part(primitive, "attributes").values() if _is_stored(document, n)]
+    numbers += [n for target in primitive.get("targets", ()) for n in target.values()]
+    counts = {document.entry("accessors", n).get("count") for n in numbers}
+    if len(counts) > 1:
+        raise InputError("TXF-I09", "the stored attributes of a primitive differ in count", value=sorted(map(str, counts)))
+    return counts.pop() if counts else None
+
+
+def _unit(vectors):
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1.0)
+
+
+def _refer(info, texture, texcoord):
+    """Make a textureInfo refer to a texture of the stream."""
+    info["index"] = texture
+    info.pop("texCoord", None)
+    if texcoord:
+        info["texCoord"] = texcoord
+    table = extensions(info)
+    table.pop("KHR_texture_transform", None)
+    if "extensions" in info and not table:
+        del info["extensions"]
+
+
+def _drop(primitive):
+    """Remove the extension from a primitive."""
+    del primitive["extensions"][EXTENSION]
+    if not primitive["extensions"]:
+        del primitive["extensions"]

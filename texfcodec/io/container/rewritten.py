@@ -1,0 +1,180 @@
+"""A glTF file whose JSON tree was changed, written again: what nothing refers to any more is left out."""
+
+from __future__ import annotations
+
+import struct
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.json_text import json_text
+from ..gltf.meshopt import EXTENSIONS as MESHOPT
+from ..gltf.properties import extensions
+from .references import DATA, has_unknown_references, reached, references
+
+if TYPE_CHECKING:
+    from ..gltf.document import Document
+
+_COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+ARRAY, INDEX = 34962, 34963  # bufferView targets
+_ALIGNMENT = 4
+_IMAGES = ((0, b"\x89PNG", "image/png"), (0, b"\xff\xd8\xff", "image/jpeg"), (8, b"WEBP", "image/webp"),
+           (4, b"ftypavif", "image/avif"), (0, b"\xabKTX 20\xbb", "image/ktx2"), (0, b"DDS ", "image/vnd-ms.dds"))
+
+
+class Rewritten:
+    """A copy of a glTF file that can be changed and written as a GLB.
+
+    root: JSON tree, which callers change in place; entries of DATA keep their numbers until glb().
+    """
+
+    def __init__(self, document: Document) -> None:
+        """document: the file that is copied."""
+        self.document, self.root = document, deepcopy(document.root)
+        self._new: dict[int, bytes] = {}
+        self._before = reached(self.root)
+
+    def add(self, kind: str, entry: dict) -> int:
+        """Append an entry to an array of the file; return its number."""
+        self.root.setdefault(kind, []).append(entry)
+        return len(self.root[kind]) - 1
+
+    def add_view(self, data: bytes, **properties: Any) -> int:
+        """Append bytes as a bufferView; return its number. properties: of the bufferView."""
+        number = self.add("bufferViews", {"buffer": 0, "byteLength": len(data), **properties})
+        self._new[number] = data
+        return number
+
+    def add_accessor(self, values: np.ndarray, kind: str, normalized: bool = False, target: int | None = None,
+                     sparse: bool = False) -> int:
+        """Append an array as an accessor; return its number.
+
+        Parameters
+        ----------
+        values : [N, width]
+            In a component type of glTF.
+        kind : str
+            "SCALAR", "VEC2" ...
+        normalized : bool
+            Whether integers represent 0..1 or -1..1.
+        target : int, optional
+            Of the bufferView; rows of vertex attributes are padded to four bytes.
+        sparse : bool
+            Whether rows of 0 may be left out.
+        """
+        values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+        entry = describe(values, kind, normalized)
+        rows = np.flatnonzero(values.any(axis=1))
+        if sparse and 2 * len(rows) < len(values):
+            if len(rows):
+                indices: np.ndarray = rows.astype("<u2" if len(values) <= 65536 else "<u4")
+                entry["sparse"] = {"count": len(rows),
+                                   "indices": {"bufferView": self.add_view(indices.tobytes()),
+                                               "componentType": _COMPONENTS[indices.dtype.str[1:]]},
+                                   "values": {"bufferView": self.add_view(values[rows].tobytes())}}
+        else:
+            entry["bufferView"] = self._add_rows(values, target)
+        return self.add("accessors", entry)
+
+    def _add_rows(self, values, target):
+        """Return the number of a new view of an array."""
+        size = values.itemsize * values.shape[1]
+        properties = {} if target is None else {"target": target}
+        if target != ARRAY or size % _ALIGNMENT == 0:
+            return self.add_view(values.tobytes(), **properties)
+        padded = np.zeros((len(values), size + -size % _ALIGNMENT), np.uint8)
+        padded[:, :size] = values.view(np.uint8).reshape(len(values), size)
+        return self.add_view(padded.tobytes(), byteStride=padded.shape[1], **properties)
+
+    def use_extension(self, name: str, required: bool = False) -> None:
+        """Add an extension to extensionsUsed, and to extensionsRequired if required."""
+        for kind in ("extensionsUsed", "extensionsRequired")[: 1 + required]:
+            if name not in self.root.get(kind, ()):
+                self.root.setdefault(kind, []).append(name)
+
+    def drop_extension(self, name: str) -> None:
+        """Remove an extension from extensionsUsed and extensionsRequired."""
+        for kind in ("extensionsUsed", "extensionsRequired"):
+            if name in self.root.get(kind, ()):
+                self.root[kind].remove(name)
+                if not self.root[kind]:
+                    del self.root[kind]
+
+    def glb(self) -> bytes:
+        """Return the file. Entries that only removed references had reached are left out; a file with extensions whose references
+        are not known keeps all entries."""
+        self._embed_images()
+        if not has_unknown_references(self.root):
+            source = self.document.root
+            idle = {(kind, n) for kind in DATA for n in range(len(source.get(kind, [])))} - self._before
+            every = {(kind, n) for kind in DATA for n in range(len(self.root.get(kind, [])))}
+            self._remove(every - reached(self.root, idle))
+        pieces, length = self._buffer()
+        text = json_text(self.root, ensure_ascii=False, separators=(",", ":")).encode("utf-8", "replace")
+        text += b" " * (-len(text) % 4)
+        total = 12 + 8 + len(text) + (8 + length if pieces else 0)
+        head = [struct.pack("<4sIIII", b"glTF", 2, total, len(text), 0x4E4F534A), text]
+        return b"".join(head + ([struct.pack("<II", length, 0x004E4942), *pieces] if pieces else []))
+
+    def _embed_images(self):
+        """Move images that are in files, or in the text, into the buffer."""
+        for number, entry in enumerate(self.root.get("images", [])):
+            if "uri" in entry and number < len(self.document.root.get("images", [])):
+                data = bytes(self.document.image_bytes(number))
+                del entry["uri"]
+                entry |= {"bufferView": self.add_view(data), "mimeType": _image_type(data) or entry.get("mimeType", "image/png")}
+
+    def _remove(self, unreached):
+        """Remove entries and renumber references."""
+        gone = {kind: {number for of, number in unreached if of == kind} for kind in DATA}
+        number_of = {}
+        for kind in DATA:
+            kept = [n for n in range(len(self.root.get(kind, []))) if n not in gone[kind]]
+            number_of[kind] = {old: new for new, old in enumerate(kept)}
+        for holder, reference in list(references(self.root)):
+            if holder[0] not in DATA or holder[1] not in gone[holder[0]]:
+                reference.owner[reference.key] = number_of[reference.kind][reference.target]
+        for kind in DATA:
+            if gone[kind]:
+                self.root[kind] = [self.root[kind][old] for old in number_of[kind]]
+                if not self.root[kind]:
+                    del self.root[kind]
+        self._numbers = {new: old for old, new in number_of["bufferViews"].items()}
+
+    def _buffer(self):
+        """Return (pieces of the buffer, its length), after placing all views in it."""
+        pieces, length, placeholder = [], 0, 0
+        for number, entry in enumerate(self.root.get("bufferViews", [])):
+            old = getattr(self, "_numbers", {}).get(number, number)
+            packed = next((extensions(entry)[name] for name in MESHOPT if name in extensions(entry)), None)
+            owner = entry if packed is None else packed
+            data = self._new[old] if old in self._new else self.document.stored(old)
+            owner |= {"buffer": 0, "byteOffset": length}
+            if packed is not None:
+                entry |= {"buffer": 1, "byteOffset": placeholder}
+                placeholder += entry["byteLength"] + -entry["byteLength"] % 8
+            pieces.append(bytes(data) + b"\0" * (-len(data) % 8))
+            length += len(pieces[-1])
+        self.root.pop("buffers", None)
+        if pieces:
+            self.root["buffers"] = [{"byteLength": length}]
+        if placeholder:
+            name = next(name for name in MESHOPT if name in self.root.get("extensionsUsed", ()))
+            self.root["buffers"].append({"byteLength": placeholder, "extensions": {name: {"fallback": True}}})
+        return pieces, length
+
+
+def _image_type(data):
+    """Return the media type of an image file, "" if it is not known."""
+    return next((mime for at, start, mime in _IMAGES if data[at : at + len(start)] == start), "")
+
+
+def describe(values: np.ndarray, kind: str, normalized: bool = False, bounds: bool = False) -> dict:
+    """Return an accessor for an array [N, width], without its data. bounds: whether it has min and max."""
+    entry: dict[str, Any] = {"componentType": _COMPONENTS[values.dtype.str[1:]], "count": len(values), "type": kind}
+    if normalized:
+        entry["normalized"] = True
+    if bounds:
+        entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+    return entry

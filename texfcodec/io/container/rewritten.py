@@ -11,6 +11,7 @@ import numpy as np
 from ...core.json_text import json_text
 from ..gltf.meshopt import EXTENSIONS as MESHOPT
 from ..gltf.properties import extensions
+from .packed_accessors import pack_accessors
 from .references import DATA, has_unknown_references, reached, references
 
 if TYPE_CHECKING:
@@ -102,10 +103,11 @@ class Rewritten:
                     del self.root[kind]
 
     def glb(self) -> bytes:
-        """Return the file. Entries that only removed references had reached are left out; a file with extensions whose references
-        are not known keeps all entries."""
+        """Return the file. Entries that only removed references had reached are left out, and accessors share bufferViews; a file
+        with extensions whose references are not known keeps all entries as they are."""
         self._embed_images()
         if not has_unknown_references(self.root):
+            pack_accessors(self)
             source = self.document.root
             idle = {(kind, n) for kind in DATA for n in range(len(source.get(kind, [])))} - self._before
             every = {(kind, n) for kind in DATA for n in range(len(self.root.get(kind, [])))}
@@ -116,6 +118,12 @@ class Rewritten:
         total = 12 + 8 + len(text) + (8 + length if pieces else 0)
         head = [struct.pack("<4sIIII", b"glTF", 2, total, len(text), 0x4E4F534A), text]
         return b"".join(head + ([struct.pack("<II", length, 0x004E4942), *pieces] if pieces else []))
+
+    def view(self, number: int) -> tuple[memoryview | bytes, int | None]:
+        """Return (bytes, byteStride or None) of a bufferView, decoded if it was compressed."""
+        if number in self._new:
+            return self._new[number], self.root["bufferViews"][number].get("byteStride")
+        return self.document.view(number)
 
     def _embed_images(self):
         """Move images that are in files, or in the text, into the buffer."""

@@ -20,8 +20,7 @@ def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.
     if entry.get("type") not in kinds or entry.get("componentType") not in _DTYPES:
         raise malformed(f"accessor {index} has an unexpected type", value=str(entry.get("type"))[:20],
                         component=str(entry.get("componentType"))[:20], allowed="/".join(kinds))
-    shape = integer(entry, "count", low=1), _WIDTHS[entry["type"]]
-    dtype = np.dtype(_DTYPES[entry["componentType"]])
+    shape, dtype = shape_of(entry)
     if "bufferView" in entry:
         array = _from_view(document, entry["bufferView"], integer(entry, "byteOffset", 0, low=0), shape, dtype, index)
     elif shape[0] <= MAX_IMPLICIT:
@@ -33,6 +32,11 @@ def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.
     if index not in document.sparse:
         document.sparse[index] = _with_sparse(document, entry, array, index)
     return document.sparse[index]
+
+
+def shape_of(entry: dict) -> tuple[tuple[int, int], np.dtype]:
+    """((count, width), type of a component) of an accessor of a known type."""
+    return (integer(entry, "count", low=1), _WIDTHS[entry["type"]]), np.dtype(_DTYPES[entry["componentType"]])
 
 
 def read_floats(document: Document, index: int, kinds: tuple[str, ...], normalized: bool | None = None,
@@ -57,7 +61,12 @@ def normalized_floats(array: np.ndarray) -> np.ndarray:
 
 
 def _from_view(document, view, offset, shape, dtype, index):
-    data, stride = document.view(view)
+    return rows_of_view(*document.view(view), offset, shape, dtype, index)
+
+
+def rows_of_view(data: memoryview | bytes, stride: int | None, offset: int, shape: tuple[int, int], dtype: np.dtype,
+                 index: int) -> np.ndarray:
+    """Array [count, width] over the bytes of a bufferView. Raises InputError TXF-I11 if it leaves them. index: of the accessor."""
     count, width = shape
     size = width * dtype.itemsize
     stride = stride or size

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 
 __all__ = [
     "Cancelled", "DecodeOptions", "EncodeOptions", "Encoded", "InputError", "JointCodec", "LimitError", "Limits", "LossWarning",
-    "PlaneCodec", "Report", "Scene", "StreamError", "SupportError", "Texf", "TexfError", "decode", "encode", "encode_to_result",
-    "inspect",
+    "EncodedContainer", "PlaneCodec", "Report", "Scene", "StreamError", "SupportError", "Texf", "TexfError", "decode", "encode",
+    "encode_gltf", "encode_to_result", "expand", "inspect",
 ]
 __version__ = "0.9.0"
 
 if TYPE_CHECKING:
-    from .api import decode, encode, encode_to_result, inspect
+    from .api import decode, encode, encode_gltf, encode_to_result, expand, inspect
     from .codecs.base import JointCodec, PlaneCodec
+    from .encoder.container.encode import EncodedContainer
     from .encoder.write import Encoded
     from .errors import InputError, LimitError, LossWarning, StreamError, SupportError, TexfError
     from .limits import Limits
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
     from .texf import Texf
 else:
     _HOME = {
-        "encode": "api", "encode_to_result": "api", "decode": "api", "inspect": "api", "Texf": "texf",
-        "Encoded": "encoder.write", "Scene": "scene.scene", "PlaneCodec": "codecs.base", "JointCodec": "codecs.base",
+        "encode": "api", "encode_to_result": "api", "encode_gltf": "api", "expand": "api", "decode": "api", "inspect": "api",
+        "Texf": "texf", "Encoded": "encoder.write", "EncodedContainer": "encoder.container.encode", "Scene": "scene.scene", "PlaneCodec": "codecs.base", "JointCodec": "codecs.base",
         "EncodeOptions": "options", "DecodeOptions": "options", "Limits": "limits", "Report": "report", "Cancelled": "report",
         "TexfError": "errors", "InputError": "errors", "StreamError": "errors", "LimitError": "errors", "SupportError": "errors",
         "LossWarning": "errors",

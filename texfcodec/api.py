@@ -16,6 +16,7 @@ from .report import SENTENCES, Report
 if TYPE_CHECKING:
     import trimesh
 
+    from .encoder.container.encode import EncodedContainer
     from .encoder.write import Encoded
     from .scene.scene import Scene
     from .texf import Texf
@@ -95,6 +96,85 @@ def encode_to_result(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | No
     encoded = _encoded(mesh, options, report)
     _warn_of_losses([*encoded.warnings, *map(_not_coded, encoded.dropped)])
     return encoded
+
+
+def encode_gltf(mesh: Stream, options: EncodeOptions | Mapping[str, Any] | None = None,
+                report: Report | None = None) -> EncodedContainer:
+    """Encodes the meshes and images of a glTF file and keeps everything else in it.
+
+    Parameters
+    ----------
+    mesh : bytes-like, str, PathLike or file object
+        A .glb or .gltf file.
+    options : EncodeOptions or dict, optional
+        Of every stream.
+    report : Report, optional
+        As of encode().
+
+    Returns
+    -------
+    EncodedContainer
+        data, a GLB with the part-level form of TEXF_stream (docs/guide/TEXF_stream.md); its streams; warnings and remarks.
+        expand() makes an ordinary GLB of it.
+
+    Raises
+    ------
+    InputError, LimitError, SupportError, Cancelled
+        As encode().
+
+    Warns
+    -----
+    LossWarning
+        As encode().
+    """
+    from .encoder.container.encode import encode_document
+
+    options, report = options_of(EncodeOptions, options), report or Report()
+    data, folder = _file_of(mesh)
+    encoded = encode_document(data, folder, options, report, encode_loaded)
+    refuse_losses(options, report)
+    _warn_of_losses([*encoded.warnings, *map(_not_coded, encoded.dropped)])
+    return encoded
+
+
+def expand(gltf: Stream, options: DecodeOptions | Mapping[str, Any] | None = None, report: Report | None = None,
+           texture_format: str = "auto") -> bytes:
+    """Decodes a glTF file whose meshes are coded in streams.
+
+    Parameters
+    ----------
+    gltf : bytes-like, str, PathLike or file object
+        The GLB of encode_gltf().
+    options : DecodeOptions or dict, optional
+        Of every stream.
+    report : Report, optional
+        As of decode().
+    texture_format : {"auto", "png", "jpeg", "webp", "avif", "ktx2"}
+        Format of images; "auto" is JPEG if that costs hardly any quality, else PNG.
+
+    Returns
+    -------
+    bytes
+        A GLB without the extension. Nodes, skins, animations and everything else that no stream holds are as in the source.
+
+    Raises
+    ------
+    InputError, StreamError, LimitError, SupportError
+        The file, or a stream in it, is at fault.
+    """
+    from .io.container.expand import expand_bytes
+    from .sandbox.engines import decode_by_engine
+
+    options, report = options_of(DecodeOptions, options), report or Report()
+    data, _ = _file_of(gltf)
+    return expand_bytes(data, lambda stream: decode_by_engine(stream, options, report), texture_format)
+
+
+def _file_of(source):
+    """Returns (the bytes of a file, the folder that relative names in it start from)."""
+    from .io.load import read_source
+
+    return read_source(source)
 
 
 def _encoded(mesh, options, report):

@@ -6,13 +6,16 @@ from pathlib import Path
 import click
 
 from ..api import decode
+from ..bitstream.file import read_stream_file
+from ..io.container.layout import is_scene_file
 from ..io.formats import APPEARANCES, ATLAS_METHODS, COMPRESSIONS, SAVED_SUFFIXES, TEXTURE_FORMATS
+from ..io.gltf.carried import stream_within
 from ..options import DecodeOptions
 from ..precompile import DECODING
 from ..report import plural
 from .console import STYLE, check_output, run, run_facts, timing_line, write_output
 from .flags import file_names, limit_flags, limits_of, number, option_flags, report_flags
-from .inputs import read_stream
+from .scene_file import expand_scene_file
 
 _LOOK = ("appearance", "texture_size", "atlas", "texture_format", "texture_quality", "compress")
 _FALLBACK_LOD = 3  # an eighth of the texels along a side, a 64th of the bytes of images
@@ -53,7 +56,8 @@ _STREAM = ".texf"
 @click.pass_obj
 def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, quiet, **choices):
     """Decode IN.texf ("-": stdin) to a mesh file. The suffix of OUT chooses the format ("-": GLB on stdout, with the report on
-    stderr). IN may be a GLB that carries a stream; OUT.texf then extracts it.
+    stderr). IN may be a GLB that carries a stream; OUT.texf then extracts it. IN may be a scene that texf-enc wrote as a GLB;
+    OUT.glb is then an ordinary glTF.
 
     For files from unknown sources, use --isolate and lower the limits.
 
@@ -81,7 +85,12 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
         raise click.UsageError("--carry-stream requires a GLB or glTF as OUT")
     if not takes_out:
         check_choices("stream.glb" if out == "-" else out, **look, stream=b"" if carry_stream else None)
-    data = read_stream(source, limits)
+    data = read_stream_file(source, limits)
+    if is_scene_file(data):
+        if out != "-" and not out.lower().endswith(".glb"):
+            raise click.UsageError(f"{source} is a scene whose meshes are coded: OUT must end in .glb")
+        return expand_scene_file(console, data, source, out, options, look["texture_format"])
+    data = stream_within(data)
     sandboxed = takes_sandbox(options)
     if not sandboxed:
         console.note_first_run(DECODING)

@@ -20,8 +20,10 @@ from .effect_lines import counted, decision_lines
 from .explain_lines import explain_flags, explain_lines, seconds_to_explain
 from .flags import file_names, flag_of, limit_flags, limits_of, option_flags, report_flags
 from .inputs import load_mesh
+from .scene_file import encode_scene_file
 
 _NAMED = 3  # losses in the result line
+_SCENE = ".glb"
 RATE, KEPT, EFFORT, CODEC, NEURAL, LIMITS, BATCH = (OptionGroup(name, help=text) for name, text in {
     "Rate": "Bytes or quality. K or QP alone takes the other from r04.",
     "What is kept": "",
@@ -43,7 +45,7 @@ def _warm_up(context, parameter, value):
 
 @click.command("texf-enc", context_settings=STYLE)
 @click.argument("source", metavar="INPUT", required=False, shell_complete=file_names)
-@click.argument("out", metavar="OUT.texf", required=False, shell_complete=file_names)
+@click.argument("out", metavar="OUT.{texf,glb}", required=False, shell_complete=file_names)
 @option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "target_psnr_of", "exact_rate",
               "lossless", "max_error", option=RATE.option)
 @option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "keep_mesh", "strict", option=KEPT.option)
@@ -63,6 +65,9 @@ def _warm_up(context, parameter, value):
 @click.pass_obj
 def enc(console, source, out, dry_run, as_json, quiet, **choices):
     """Encode the textured mesh INPUT (SUFFIXES; "-": any of these on stdin) as OUT.texf ("-": stdout, with the report on stderr).
+
+    OUT.glb keeps a scene: INPUT is a glTF whose meshes and images are coded in streams, while nodes, skins, morph targets,
+    animations, variants and everything else stay as they are.
 
     Set the rate with --rate, with --resolution and --qp, with --target-bytes or with --target-psnr. --lossless and
     --near-lossless bound the error of the coded colours instead; they do not affect the geometry.
@@ -99,6 +104,8 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
     if not dry_run:
         _check_output(out, source)
         console.note_first_run(ENCODING)
+    if _is_scene(out) and not dry_run:
+        return encode_scene_file(console, source, out, options)
     with console.progress() as report:
         scene = _load(source, options, report)
         if not dry_run:
@@ -141,8 +148,14 @@ def _check_codec(choices):
 
 def _check_output(out, source):
     check_output(out, [source])
-    if out != "-" and not out.lower().endswith(".texf") and not is_device(out):
-        raise click.UsageError(f"{out} must end in .texf")
+    if out != "-" and not out.lower().endswith((".texf", _SCENE)) and not is_device(out):
+        raise click.UsageError(f"{out} must end in .texf or {_SCENE}")
+    if _is_scene(out) and not source.lower().endswith((".glb", ".gltf")):
+        raise click.UsageError(f"{out} keeps a glTF scene: INPUT must be a .glb or .gltf; for other formats OUT is a .texf")
+
+
+def _is_scene(out):
+    return out is not None and out.lower().endswith(_SCENE)
 
 
 def _load(source, options, report):

@@ -65,6 +65,33 @@ def load(source: object, strict: bool = False, limits: Limits | None = None) -> 
                      value=type(source).__name__)
 
 
+def read_source(source: object) -> tuple[bytes, Path]:
+    """Read a file without parsing it.
+
+    Parameters
+    ----------
+    source : str, PathLike, bytes-like or file object
+        As of load().
+
+    Returns
+    -------
+    tuple of bytes and Path
+        Its bytes, and the folder that relative names in it start from.
+
+    Raises
+    ------
+    InputError
+        TXF-I01 to I05.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        return _read_file(Path(source)), Path(source).parent
+    if isinstance(source, (bytes, bytearray, memoryview)):
+        return bytes(source), Path()
+    if hasattr(source, "read"):
+        return _read_object(source), Path(_name_of(source) or "").parent
+    raise InputError("TXF-I05", "expected the bytes of a file, its path, or a file object", value=type(source).__name__)
+
+
 def _load_file(path, notes):
     data = _read_file(path)
     opened(path)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...io.container.layout import CodedPrimitive, write_extension
 from ...io.container.references import texture_infos
-from ...io.container.rewritten import ARRAY, Rewritten, describe
+from ...io.container.rewritten import ARRAY, Rewritten
 from ...io.gltf.accessor import read_accessor
 from ...io.gltf.carried import EXTENSION
 from ...io.gltf.document import open_document
@@ -38,8 +38,8 @@ Code = "Callable[[Scene, EncodeOptions, Report], Encoded]"
 
 @dataclass(kw_only=True)
 class EncodedContainer:
-    """A coded glTF file and its report. data: the GLB; streams: Encoded of each stream; sizes: bytes of "streams" and "other", all
-    else; warnings, dropped, remarks: as of Encoded."""
+    """A coded glTF file and its report. data: the GLB; streams: Encoded of each stream; sizes: bytes of "streams" and of all else,
+    "other"; warnings, dropped, remarks: as of Encoded."""
 
     data: bytes
     streams: list[Encoded]
@@ -133,8 +133,9 @@ def _scene(plan, parts) -> Scene:
     placed = [replace(place(part.part, part.place), material=number, color=None) for number, part in enumerate(parts)]
     used = sorted({t for material in materials for t in (material.texture, *material.maps.values()) if t >= 0})
     number_of = {old: new for new, old in enumerate(used)} | {-1: -1}
-    materials = [replace(material, name=f"{number}", texture=number_of[material.texture],
-                         maps={name: number_of[t] for name, t in material.maps.items()}) for number, material in enumerate(materials)]
+    materials = [replace(material, name=str(number), texture=number_of[material.texture],
+                         maps={name: number_of[t] for name, t in material.maps.items()})
+                 for number, material in enumerate(materials)]
     scene = assemble(placed, materials, [plan.textures[t] for t in used], KeptNotes())
     scene.flat = True
     return scene
@@ -158,8 +159,9 @@ def _write_part(document: Document, out: Rewritten, plan: Plan, part: CodedPart,
         _write_stored(document, out, primitive, stored, rows[lined.source])
     description = CodedPrimitive(mesh=part.mesh, number=part.number, stream=stream, units=units,
                                  matrix=np.linalg.inv(part.place), texcoord=plan.texcoord[part.material], splits=splits)
-    _write_described(out, primitive, part, points[np.unique(faces)] @ description.matrix[:3, :3].T + description.matrix[:3, 3],
-                     (count, 3 * sum(len(texf.units[n].faces) for n in units)), bool(plan.slots[part.material]), description.texcoord)
+    texcoord = description.texcoord if plan.slots[part.material] else None
+    in_mesh = points[np.unique(faces)] @ description.matrix[:3, :3].T + description.matrix[:3, 3]
+    _write_described(out, primitive, part, in_mesh, (count, 3 * sum(len(texf.units[n].faces) for n in units)), texcoord)
     at = out.add_accessor(splits.astype(np.uint32), "VEC2") if len(splits) else None
     write_extension(primitive, description, at)
 
@@ -197,15 +199,15 @@ def _write_stored(document, out, primitive, stored, rows):
             primitive["attributes"][key] = new
 
 
-def _write_described(out, primitive, part, points, counts, textured, texcoord):
+def _write_described(out, primitive, part, points, counts, texcoord):
     """Replace the accessors of what a stream holds by such without data. points: in mesh space; counts: of vertices and
-    corners."""
+    corners; texcoord: number of the stream's UV set, None without images."""
     attributes = {name: primitive["attributes"][name] for name in primitive["attributes"] if name in part.stored}
     bounds = {"min": points.min(axis=0).astype(np.float32).tolist(), "max": points.max(axis=0).astype(np.float32).tolist()}
     held = {"POSITION": {"componentType": 5126, "count": counts[0], "type": "VEC3", **bounds}}
     held |= {name: {"componentType": 5126, "count": counts[0], "type": kind}
              for name, kind in (("NORMAL", "VEC3"), ("TANGENT", "VEC4")) if name in primitive["attributes"]}
-    if textured:
+    if texcoord is not None:
         held[f"TEXCOORD_{texcoord}"] = {"componentType": 5126, "count": counts[0], "type": "VEC2"}
     numbers = {name: _shared(out, entry) for name, entry in held.items()}
     primitive["attributes"] = numbers | attributes

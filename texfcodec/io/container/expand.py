@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...scene.channels import BASE_COLOUR, BY_NAME, MAPS
+from ..atlas.sheets import sheets_of
 from ..formats import AUTO
 from ..gltf.accessor import read_accessor
 from ..gltf.carried import EXTENSION
@@ -17,36 +19,34 @@ from ..gltf.document import open_document
 from ..gltf.material import slot_of
 from ..gltf.properties import extensions, part
 from ..gltf.writer import corner_columns, sampler_of
-from ..looks import Look, Looks, Skin, skins_of
+from ..looks import Look, Looks, skins_of
 from ..output_textures import textured
 from ..parts import Notes
 from ..save_build import encoded_images
-from ..atlas.sheets import sheets_of
 from ..vertex_appearance import unique_corners
 from .layout import check_corners, is_container, read_primitives, read_streams
 from .rewritten import ARRAY, INDEX, Rewritten
 
 if TYPE_CHECKING:
-    from ...limits import Limits
     from ...texf import Texf
     from ..gltf.document import Document
     from ..output_textures import Textured
     from .layout import CodedPrimitive
 
 
-def expand_bytes(data: bytes, limits: Limits | None = None, texture_format: str = AUTO, threads: int = 1) -> bytes:
+def expand_bytes(data: bytes, decode: Callable[[bytes], Texf], texture_format: str = AUTO, notes: Notes | None = None) -> bytes:
     """Return an ordinary GLB of a file whose primitives are coded in streams.
 
     Parameters
     ----------
     data : bytes
         A GLB, or a .gltf whose buffers are in the text.
-    limits : Limits, optional
-        Of each stream.
+    decode : function
+        Stream -> Texf.
     texture_format : str
         As of SaveOptions.
-    threads : int
-        Most threads.
+    notes : Notes, optional
+        Of the reader.
 
     Returns
     -------
@@ -58,18 +58,13 @@ def expand_bytes(data: bytes, limits: Limits | None = None, texture_format: str 
     InputError, StreamError, LimitError, SupportError
         The file or a stream is at fault.
     """
-    document = open_document(data, Path(), Notes(limits=limits))
-    return expanded(document, texture_format, threads) if is_container(document.root) else data
+    document = open_document(data, Path(), notes or Notes())
+    return expanded(document, decode, texture_format) if is_container(document.root) else data
 
 
-def expanded(document: Document, texture_format: str = AUTO, threads: int = 1) -> bytes:
+def expanded(document: Document, decode: Callable[[bytes], Texf], texture_format: str = AUTO) -> bytes:
     """Return an ordinary GLB of a container, as expand_bytes()."""
-    from ...decoder import decode_stream
-    from ...options import DecodeOptions
-    from ...report import Report
-
-    options = DecodeOptions(limits=document.notes.limits, threads=threads)
-    streams = [decode_stream(stream, options, Report()) for stream in read_streams(document)]
+    streams = [decode(stream) for stream in read_streams(document)]
     primitives = read_primitives(document, [len(texf.units) for texf in streams])
     out = Rewritten(document)
     for number, texf in enumerate(streams):
@@ -191,7 +186,7 @@ class _Expansion:
         _drop(entry)
 
     def _write_attributes(self, entry, values, vertex):
-        """Write attributes of the stream, and repeat the stored ones for the vertices. vertex: int64 [N], stored vertex of each."""
+        """Write attributes of the stream, and repeat the stored ones. vertex: int64 [N], stored vertex of each vertex."""
         attributes = {}
         for name, column in values.items():
             number = attributes[name] = self.out.add_accessor(column, f"VEC{column.shape[1]}", target=ARRAY)

@@ -6,14 +6,17 @@ docs/guide/TEXF_stream.md specifies it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, TexfError
 from ..gltf.accessor import read_accessor
 from ..gltf.carried import EXTENSION
+from ..gltf.document import GLB_MAGIC, open_document
 from ..gltf.properties import extensions, is_index, malformed, numbers, part
+from ..parts import Notes
 
 if TYPE_CHECKING:
     from ...texf import Texf
@@ -27,9 +30,9 @@ _IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.
 class CodedPrimitive:
     """A primitive that consists of units of a stream.
 
-    mesh, number: indices of the mesh and of the primitive in it; stream: index into the file's streams; units: indices of geometry
-    units, in order; matrix: float64 [4, 4] acting on columns, from the stream's space to the mesh's; texcoord: number of the UV set
-    that the stream gives; splits: int64 [N, 2], (corner, vertex) of corners that do not use their unit's vertex.
+    mesh, number: indices of the mesh and of the primitive in it; stream: index into the file's streams; units: indices of
+    geometry units, in order; matrix: float64 [4, 4] acting on columns, from the stream's space to the mesh's; texcoord: number of
+    the UV set that the stream gives; splits: int64 [N, 2], (corner, vertex) of corners that do not use their unit's vertex.
     """
 
     mesh: int
@@ -66,6 +69,16 @@ def write_extension(primitive: dict, coded: CodedPrimitive, splits: int | None) 
 def is_container(root: dict) -> bool:
     """Return whether a file has the part-level form of the extension."""
     return "streams" in part(extensions(root), EXTENSION)
+
+
+def is_scene_file(data: bytes) -> bool:
+    """Return whether bytes are a GLB that has the part-level form of the extension."""
+    if data[:4] != GLB_MAGIC:
+        return False
+    try:
+        return is_container(open_document(data, Path(), Notes()).root)
+    except TexfError:
+        return False
 
 
 def read_streams(document: Document) -> list[bytes]:

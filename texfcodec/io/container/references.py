@@ -11,8 +11,8 @@ from ..gltf.meshopt import EXTENSIONS as MESHOPT
 DATA = ("accessors", "bufferViews", "images", "textures", "samplers")  # arrays whose entries may be removed and renumbered
 _DRACO, _INSTANCES = "KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing"
 # Extensions whose references to DATA are known here, or that have none.
-_KNOWN = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_xmp", "KHR_lights_", "KHR_animation_pointer", "KHR_node_", _DRACO,
-          "KHR_mesh_quantization", "MSFT_texture_dds", "MSFT_lod", _INSTANCES, EXTENSION, *MESHOPT)
+_KNOWN = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_xmp", "KHR_lights_", "KHR_animation_pointer", "KHR_node_",
+          _DRACO, "KHR_mesh_quantization", "MSFT_texture_dds", "MSFT_lod", _INSTANCES, EXTENSION, *MESHOPT)
 
 
 class Reference(NamedTuple):

@@ -66,7 +66,7 @@ def _from_view(document, view, offset, shape, dtype, index):
 
 def rows_of_view(data: memoryview | bytes, stride: int | None, offset: int, shape: tuple[int, int], dtype: np.dtype,
                  index: int) -> np.ndarray:
-    """Array [count, width] over the bytes of a bufferView. Raises InputError TXF-I11 if it leaves them. index: of the accessor."""
+    """Array [count, width] over the bytes of a bufferView. Raises InputError TXF-I11 if it leaves them. index: of accessor."""
     count, width = shape
     size = width * dtype.itemsize
     stride = stride or size

@@ -16,6 +16,7 @@ import numpy as np
 from ...errors import InputError, SupportError, TexfError
 from ...report import plural
 from ..authored_normals import place_normals, place_tangents
+from ..container.layout import is_container
 from ..images import TextureShelf
 from ..parts import Notes, Part, assemble, check_face_count, no_triangles
 from .carried import EXTENSION, read_carried
@@ -28,6 +29,7 @@ from .skin import Rest
 
 if TYPE_CHECKING:
     from ...scene.scene import Scene
+    from .document import Document
 
 MAX_METADATA = 1 << 16  # bytes of JSON; larger extras are left behind with a name
 CAMERAS = "cameras are left out"
@@ -43,8 +45,21 @@ def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
     relative URIs. Raises errors with codes of findings.py."""
     document = open_document(data, folder, notes)
     check_required(document)
+    if is_container(document.root):
+        return _scene_of_container(document)
     scene = _scene_of_stream(document)
     return _scene_of_nodes(document) if scene is None else scene
+
+
+def _scene_of_container(document):
+    """The Scene of a file whose primitives are coded in streams."""
+    from ...decoder import decode_stream
+    from ...options import DecodeOptions
+    from ...report import Report
+    from ..container.expand import expanded
+
+    options = DecodeOptions(limits=document.notes.limits)
+    return read_gltf(expanded(document, lambda stream: decode_stream(stream, options, Report()), "png"), Path(), document.notes)
 
 
 def _scene_of_stream(document):

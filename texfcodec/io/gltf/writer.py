@@ -17,6 +17,7 @@ from .material import UNLIT, WRAPS, extensions_of, write_material
 from .packing import ARRAY, MESHOPT, Column, Plain
 
 if TYPE_CHECKING:
+    from ...scene.scene import Texture
     from ...texf import Texf
     from ..formats import ImageFormat
     from ..output_textures import Textured

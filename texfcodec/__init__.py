@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 else:
     _HOME = {
         "encode": "api", "encode_to_result": "api", "encode_gltf": "api", "expand": "api", "decode": "api", "inspect": "api",
-        "Texf": "texf", "Encoded": "encoder.write", "EncodedContainer": "encoder.container.encode", "Scene": "scene.scene", "PlaneCodec": "codecs.base", "JointCodec": "codecs.base",
-        "EncodeOptions": "options", "DecodeOptions": "options", "Limits": "limits", "Report": "report", "Cancelled": "report",
-        "TexfError": "errors", "InputError": "errors", "StreamError": "errors", "LimitError": "errors", "SupportError": "errors",
-        "LossWarning": "errors",
+        "Texf": "texf", "Encoded": "encoder.write", "EncodedContainer": "encoder.container.encode", "Scene": "scene.scene",
+        "PlaneCodec": "codecs.base", "JointCodec": "codecs.base", "EncodeOptions": "options", "DecodeOptions": "options",
+        "Limits": "limits", "Report": "report", "Cancelled": "report", "TexfError": "errors", "InputError": "errors",
+        "StreamError": "errors", "LimitError": "errors", "SupportError": "errors", "LossWarning": "errors",
     }
 
     def __getattr__(name):

@@ -32,8 +32,8 @@ def encode_scene_file(console: Console, source: str, out: str, options: EncodeOp
     if not console.as_json:
         console.warnings(report)
     sizes = {"total": len(encoded.data), **encoded.sizes}
-    streams = [{"bytes": one.sizes, **one.counts, "resolution": one.resolution, "qp": one.qp, "check": one.check}
-               for one in encoded.streams]
+    streams = [{"bytes": stream.sizes, **stream.counts, "resolution": stream.resolution, "qp": stream.qp, "check": stream.check}
+               for stream in encoded.streams]
     source_bytes = sum(files.values())
     facts = {"bytes": sizes, "source": {"bytes": source_bytes, "files": len(files), "names": list(files)},
              "ratio": round(source_bytes / len(encoded.data), 3), "streams": json_ready(streams), **run_facts(report)}

@@ -15,7 +15,7 @@ from ...io.gltf.accessor import read_accessor
 from ...io.gltf.carried import EXTENSION
 from ...io.gltf.document import open_document
 from ...io.gltf.material import slot_of
-from ...io.gltf.reader import check_required, place
+from ...io.gltf.reader import place
 from ...io.parts import assemble
 from ...scene.channels import BASE_COLOUR, BY_NAME
 from .line_up import line_up
@@ -38,8 +38,8 @@ Code = "Callable[[Scene, EncodeOptions, Report], Encoded]"
 
 @dataclass(kw_only=True)
 class EncodedContainer:
-    """A coded glTF file and its report. data: the GLB; streams: Encoded of each stream; sizes: bytes of "streams" and of all else,
-    "other"; warnings, dropped, remarks: as of Encoded."""
+    """A coded glTF file and its report. data: the GLB; streams: Encoded of each stream; sizes: bytes of "streams" and of
+    "other", all else; warnings, dropped, remarks: as of Encoded."""
 
     data: bytes
     streams: list[Encoded]
@@ -71,7 +71,6 @@ def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: R
         The file is at fault.
     """
     document = open_document(data, folder, KeptNotes(options.strict, options.limits))
-    check_required(document)
     with report.stage("plan"):
         plan = plan_of(document)
     out, streams, views = Rewritten(document), [], []

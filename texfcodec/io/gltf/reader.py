@@ -29,7 +29,6 @@ from .skin import Rest
 
 if TYPE_CHECKING:
     from ...scene.scene import Scene
-    from .document import Document
 
 MAX_METADATA = 1 << 16  # bytes of JSON; larger extras are left behind with a name
 CAMERAS = "cameras are left out"
@@ -44,7 +43,7 @@ def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
     """Bytes of a .glb or .gltf file -> Scene. A stream that the file carries is read in place of its meshes. folder: base of
     relative URIs. Raises errors with codes of findings.py."""
     document = open_document(data, folder, notes)
-    check_required(document)
+    _check_required(document)
     if is_container(document.root):
         return _scene_of_container(document)
     scene = _scene_of_stream(document)
@@ -116,8 +115,7 @@ def _scene_of_nodes(document):
     return scene
 
 
-def check_required(document: Document) -> None:
-    """Raises SupportError TXF-I31 for a required extension that is not supported."""
+def _check_required(document):
     required = document.root.get("extensionsRequired", [])
     if not isinstance(required, list):
         raise malformed("'extensionsRequired' is not an array")

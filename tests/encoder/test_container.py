@@ -1,0 +1,164 @@
+"""glTF scenes through encode_gltf() and expand(): what no stream holds is unchanged, and what a stream holds looks the same."""
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from gltf_scenes import SCENES, skinned, tree_of
+from mesh_files import load_bytes
+
+import texfcodec
+from texfcodec.errors import InputError
+from texfcodec.io.container.references import texture_infos
+from texfcodec.io.gltf.accessor import read_accessor
+from texfcodec.io.gltf.document import open_document
+from texfcodec.io.parts import Notes
+from texfcodec.metrics.views import compare_views
+
+LAYOUT = ("accessors", "bufferViews", "buffers", "images", "textures", "samplers")
+OPTIONS = {"rate": "r06", "no_check": True, "effort": "fast"}
+
+
+@pytest.fixture(scope="module")
+def coded():
+    """{name: (source, GLB with streams, expanded GLB)}, made as they are looked up."""
+
+    class Made(dict):
+        def __missing__(self, name):
+            source = SCENES[name]().glb()
+            data = texfcodec.encode_gltf(source, OPTIONS).data
+            self[name] = source, data, texfcodec.expand(data)
+            return self[name]
+
+    return Made()
+
+
+def kept_json(root):
+    """The tree without what the container may change: layout, attributes, indices and targets, and references to textures."""
+    root = deepcopy({key: value for key, value in root.items() if key not in LAYOUT})
+    for mesh in root["meshes"]:
+        for primitive in mesh["primitives"]:
+            for key in ("attributes", "indices", "targets"):
+                primitive.pop(key, None)
+    for info in texture_infos({"materials": {f"{n}Texture": m for n, m in enumerate(root.get("materials", []))}}):
+        for key in ("index", "texCoord", "extensions"):
+            info.pop(key, None)
+    for entry in root.get("materials", []):
+        for info in texture_infos(entry):
+            for key in ("index", "texCoord", "extensions"):
+                info.pop(key, None)
+    references = [(sampler, key) for animation in root.get("animations", []) for sampler in animation["samplers"]
+                  for key in ("input", "output")]
+    references += [(skin, "inverseBindMatrices") for skin in root.get("skins", [])]
+    references += [(node["extensions"]["EXT_mesh_gpu_instancing"], "attributes") for node in root.get("nodes", [])
+                   if "EXT_mesh_gpu_instancing" in node.get("extensions", {})]
+    for owner, key in references:
+        owner.pop(key, None)
+    return root
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_all_json_but_the_layout_of_data_comes_back(name, coded):
+    source, data, expanded = coded[name]
+    assert "TEXF_stream" in tree_of(data)["extensionsRequired"]
+    assert kept_json(tree_of(expanded)) == kept_json(tree_of(source))
+
+
+@pytest.mark.parametrize("name", SCENES.keys() - {"instanced_on_gpu"})  # which the loader refuses
+def test_a_scene_looks_the_same(name, coded, tmp_path):
+    source, data, expanded = coded[name]
+    scenes = [load_bytes(tmp_path, file, f"{n}.glb") for n, file in enumerate((source, expanded, data))]
+    for other in scenes[1:]:
+        psnr = compare_views(scenes[0], other, views=4, size=192)["psnr"]["y"]
+        assert psnr is None or psnr > 36, psnr
+
+
+@pytest.mark.parametrize("name", ["skinned", "morphing", "spinning", "strange", "instanced_on_gpu"])
+def test_animations_skins_and_tables_keep_every_number(name, coded):
+    """Accessors by what refers to them: they may move, but not change."""
+    source, _, expanded = (open_document(file, None, Notes()) for file in coded[name])
+    pairs = [(owner, key) for owner, key in _numbers_of(source)]
+    others = _numbers_of(expanded)
+    assert len(pairs) == len(others) > 0
+    kinds = ("SCALAR", "VEC2", "VEC3", "VEC4", "MAT4")
+    for (owner, key), (other, _) in zip(pairs, others, strict=True):
+        assert np.array_equal(read_accessor(source, owner[key], kinds), read_accessor(expanded, other[key], kinds))
+
+
+def _numbers_of(document):
+    root = document.root
+    found = [(sampler, key) for animation in root.get("animations", []) for sampler in animation["samplers"]
+             for key in ("input", "output")]
+    found += [(skin, "inverseBindMatrices") for skin in root.get("skins", []) if "inverseBindMatrices" in skin]
+    for node in root["nodes"]:
+        attributes = node.get("extensions", {}).get("EXT_mesh_gpu_instancing", {}).get("attributes", {})
+        found += [(attributes, key) for key in attributes]
+    table = root.get("extensions", {}).get("ACME_curves")
+    return found + ([(table, "table")] if table else [])
+
+
+def test_vertices_at_one_position_keep_their_own_weights(coded):
+    """For every face of the source there is one with the same positions and weights, two vertices at one position apart."""
+    source, _, expanded = coded["skinned"]
+    corners = [_corners(file) for file in (source, expanded)]
+    assert np.array_equal(*corners)
+
+
+def _corners(data):
+    """Sorted corners of the second mesh's faces: positions to a hundredth of the box, and weights."""
+    document = open_document(data, None, Notes())
+    primitive = document.root["meshes"][1]["primitives"][0]
+    index = read_accessor(document, primitive["indices"], ("SCALAR",))[:, 0]
+    position = read_accessor(document, primitive["attributes"]["POSITION"], ("VEC3",))[index]
+    weights = read_accessor(document, primitive["attributes"]["WEIGHTS_0"], ("VEC4",))[index]
+    rows = np.concatenate([np.rint(position * 100), np.rint(weights * 1e4)], axis=1).reshape(-1, 3, 7)
+    turned = [np.roll(face, -int(np.lexsort(face.T[::-1])[0]), axis=0).reshape(-1) for face in rows]
+    return np.array(sorted(map(tuple, turned)))
+
+
+def test_a_mesh_that_100_nodes_show_is_coded_once(coded):
+    alone = SCENES["instances"]()
+    alone.tree |= {"nodes": [{"mesh": 0, "scale": [3, 3, 3]}], "scenes": [{"nodes": [0]}]}
+    streams = [texfcodec.encode_gltf(source, OPTIONS).sizes["streams"] for source in (coded["instances"][0], alone.glb())]
+    assert streams[0] == streams[1]
+
+
+@pytest.mark.parametrize(("bend", "words"), [
+    (lambda entry, root: entry.update(stream=7), "stream that is not there"),
+    (lambda entry, root: entry.update(units=[99]), "unit that is not there"),
+    (lambda entry, root: entry.update(units=[]), "unit that is not there"),
+    (lambda entry, root: entry.update(matrix=[0.0] * 16), "no inverse"),
+    (lambda entry, root: entry.update(texCoord=-1), "texCoord"),
+    (lambda entry, root: root["meshes"][1]["primitives"][0]["extensions"]["TEXF_stream"].update(units=entry["units"]),
+     "one unit"),
+    (lambda entry, root: root["extensions"]["TEXF_stream"].update(streams=3), "streams"),
+    (lambda entry, root: root["extensions"]["TEXF_stream"].update(streams=[99]), "no such entry"),
+    (lambda entry, root: root["accessors"][root["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"]].update(count=3),
+     "differ in count"),
+])
+def test_a_faulty_reference_is_a_coded_error(bend, words, coded):
+    root = tree_of(coded["skinned"][1])
+    bend(root["meshes"][0]["primitives"][0]["extensions"]["TEXF_stream"], root)
+    data = coded["skinned"][1]
+    with pytest.raises(InputError, match=words):
+        texfcodec.expand(_with_json(data, root))
+
+
+def _with_json(data, root):
+    import json
+    import struct
+
+    text = json.dumps(root).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + int.from_bytes(data[12:16], "little") :]
+    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
+
+
+def test_the_tools_code_and_expand_a_scene(call, tmp_path):
+    source, coded_file, plain = (tmp_path / name for name in ("source.glb", "coded.glb", "plain.glb"))
+    source.write_bytes(skinned().glb())
+    assert call("texf-enc", source, coded_file, "--effort", "fast")[0] == 0
+    code, out, _ = call("texf-dec", coded_file, plain)
+    assert code == 0 and "ordinary glTF" in out
+    assert kept_json(tree_of(plain.read_bytes())) == kept_json(tree_of(source.read_bytes()))
+    assert call("texf-dec", coded_file, tmp_path / "plain.obj")[0] == 1

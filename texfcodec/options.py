@@ -296,6 +296,7 @@ class EncodeOptions:
     position_bits: int | None = ranged(None, 8, 20, "Bits of a vertex coordinate, 8..20.", "B")
     keep_mesh: bool = switch("Keep the source's vertices and faces, and round each vertex to the position lattice. Implied "
                              "by --lossless, --exact-rate, --resolution and --position-bits.")
+    keep_animations: bool = switch("With OUT.glb: keep every keyframe. Otherwise those go that interpolation gives within 1e-4.")
     effort: str = choice("balanced", EFFORTS, "Encoding time spent on a smaller stream.")
     chroma_qp_offset: int | None = ranged(None, -63, 63)
     area_threshold: int = ranged(77, 0, 65535)

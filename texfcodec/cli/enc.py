@@ -48,7 +48,8 @@ def _warm_up(context, parameter, value):
 @click.argument("out", metavar="OUT.{texf,glb}", required=False, shell_complete=file_names)
 @option_flags(EncodeOptions, "rate", "resolution", "qp", "target_bytes", "target_psnr", "target_psnr_of", "exact_rate",
               "lossless", "max_error", option=RATE.option)
-@option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "keep_mesh", "strict", option=KEPT.option)
+@option_flags(EncodeOptions, "support", "texel_size", "effects", "position_bits", "keep_mesh", "keep_animations",
+              "strict", option=KEPT.option)
 @option_flags(EncodeOptions, "effort", "refine", "threads", "no_check", "measure", option=EFFORT.option)
 @explain_flags(EFFORT.option)
 @option_flags(EncodeOptions, "codec", option=CODEC.option)

@@ -18,6 +18,7 @@ from ...io.gltf.material import slot_of
 from ...io.gltf.reader import place
 from ...io.parts import assemble
 from ...scene.channels import BASE_COLOUR, BY_NAME
+from .keyframes import reduce_keyframes
 from .line_up import line_up
 from .plan import KeptNotes, plan_of
 
@@ -82,7 +83,9 @@ def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: R
             _write_part(document, out, plan, part, coded, len(views) - 1)
     if views:
         _write_file(document, out, plan, views)
-    glb = out.glb()
+        if not options.keep_animations:
+            reduce_keyframes(document, out)
+    glb = out.glb(deflate=bool(views))
     held = sum(len(encoded.data) for encoded in streams)
     report.remarks += plan.remarks
     return EncodedContainer(data=glb, streams=streams, sizes={"streams": held, "other": len(glb) - held},

@@ -36,7 +36,7 @@ def pack_accessors(file: Rewritten) -> None:
         if not _is_plain(file, entry):
             continue
         rows = _rows(file, entry, number, pad=use == ATTRIBUTE)
-        group = use, rows.shape[1] if use == ATTRIBUTE else shape_of(entry)[1].itemsize
+        group = use, rows.shape[1]
         data = rows.tobytes()
         held = groups.setdefault(group, bytearray())
         if (group, data) not in places:
@@ -66,7 +66,7 @@ def _uses(file):
 
 
 def _is_plain(file, entry):
-    """Return whether an accessor has all its values in a bufferView that is not compressed."""
+    """Return whether an accessor has all its values in a bufferView that no other extension compresses."""
     if "sparse" in entry or "bufferView" not in entry:
         return False
     view = file.root["bufferViews"][entry["bufferView"]]
@@ -89,7 +89,7 @@ def _place(file, groups, placed):
     for group, data in sorted(groups.items(), key=lambda item: -item[0][1]):
         use, size = group
         properties = {"target": use} if isinstance(use, int) else {}
-        if use == ATTRIBUTE and (users[group] > 1 or any(size != _row_size(e) for e, of in placed if of == group)):
+        if use == ATTRIBUTE and (users[group] > 1 or any(size != row_size(e) for e, of in placed if of == group)):
             properties["byteStride"] = size
         numbers[group] = file.add_view(bytes(data), **properties)
     for entry, group in placed:
@@ -98,7 +98,8 @@ def _place(file, groups, placed):
             del entry["byteOffset"]
 
 
-def _row_size(entry):
+def row_size(entry: dict) -> int:
+    """Return the bytes of a row of an accessor, without padding."""
     shape, dtype = shape_of(entry)
     return shape[1] * dtype.itemsize
 

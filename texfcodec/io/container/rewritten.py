@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.json_text import json_text
+from ..gltf.deflated import enc_view
+from ..gltf.document import DEFLATED
 from ..gltf.meshopt import EXTENSIONS as MESHOPT
 from ..gltf.properties import extensions
-from .packed_accessors import pack_accessors
+from .packed_accessors import pack_accessors, row_size
 from .references import DATA, has_unknown_references, reached, references
 
 if TYPE_CHECKING:
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 _COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
 ARRAY, INDEX = 34962, 34963  # bufferView targets
 _ALIGNMENT = 4
+_WORTH = 80  # bytes that the JSON of a deflated view takes
+PACKED = (DEFLATED, *MESHOPT)
 _IMAGES = ((0, b"\x89PNG", "image/png"), (0, b"\xff\xd8\xff", "image/jpeg"), (8, b"WEBP", "image/webp"),
            (4, b"ftypavif", "image/avif"), (0, b"\xabKTX 20\xbb", "image/ktx2"), (0, b"DDS ", "image/vnd-ms.dds"))
 
@@ -34,6 +38,7 @@ class Rewritten:
         """document: the file that is copied."""
         self.document, self.root = document, deepcopy(document.root)
         self._new: dict[int, bytes] = {}
+        self._numbers: dict[int, int] = {}  # by number of a bufferView, the one before entries were removed
         self._before = reached(self.root)
 
     def add(self, kind: str, entry: dict) -> int:
@@ -102,8 +107,8 @@ class Rewritten:
                 if not self.root[kind]:
                     del self.root[kind]
 
-    def glb(self) -> bytes:
-        """Return the file. Entries that only removed references had reached are left out, and accessors share bufferViews; a file
+    def glb(self, deflate: bool = False) -> bytes:
+        """Return the file. deflate: whether to store bufferViews of accessors deflated where that saves bytes. Entries that only removed references had reached are left out, and accessors share bufferViews; a file
         with extensions whose references are not known keeps all entries as they are."""
         self._embed_images()
         if not has_unknown_references(self.root):
@@ -112,6 +117,8 @@ class Rewritten:
             idle = {(kind, n) for kind in DATA for n in range(len(source.get(kind, [])))} - self._before
             every = {(kind, n) for kind in DATA for n in range(len(self.root.get(kind, [])))}
             self._remove(every - reached(self.root, idle))
+        if deflate:
+            self._deflate()
         pieces, length = self._buffer()
         text = json_text(self.root, ensure_ascii=False, separators=(",", ":")).encode("utf-8", "replace")
         text += b" " * (-len(text) % 4)
@@ -150,12 +157,27 @@ class Rewritten:
                     del self.root[kind]
         self._numbers = {new: old for old, new in number_of["bufferViews"].items()}
 
+    def _deflate(self):
+        """Store new bufferViews of accessors deflated where that saves bytes."""
+        row_of = {}
+        for entry in self.root.get("accessors", []):
+            if "bufferView" in entry:
+                row_of.setdefault(entry["bufferView"], row_size(entry))
+        for number, row in row_of.items():
+            old, entry = self._numbers.get(number, number), self.root["bufferViews"][number]
+            if old not in self._new:
+                continue
+            packed = enc_view(self._new[old], entry.get("byteStride", row))
+            if len(packed) + _WORTH < len(self._new[old]):
+                self._new[old] = packed
+                entry["extensions"] = {DEFLATED: {"byteLength": len(packed), "row": entry.get("byteStride", row)}}
+
     def _buffer(self):
         """Return (pieces of the buffer, its length), after placing all views in it."""
         pieces, length, placeholder = [], 0, 0
         for number, entry in enumerate(self.root.get("bufferViews", [])):
-            old = getattr(self, "_numbers", {}).get(number, number)
-            packed = next((extensions(entry)[name] for name in MESHOPT if name in extensions(entry)), None)
+            old = self._numbers.get(number, number)
+            packed = next((extensions(entry)[name] for name in PACKED if name in extensions(entry)), None)
             owner = entry if packed is None else packed
             data = self._new[old] if old in self._new else self.document.stored(old)
             owner |= {"buffer": 0, "byteOffset": length}
@@ -168,7 +190,7 @@ class Rewritten:
         if pieces:
             self.root["buffers"] = [{"byteLength": length}]
         if placeholder:
-            name = next(name for name in MESHOPT if name in self.root.get("extensionsUsed", ()))
+            name = next(name for name in PACKED if name in self.root.get("extensionsUsed", ()))
             self.root["buffers"].append({"byteLength": placeholder, "extensions": {name: {"fallback": True}}})
         return pieces, length
 

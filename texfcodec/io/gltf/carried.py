@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING
 
 from ...errors import InputError
 from ..parts import Notes
+from .document import DEFLATED as EXTENSION
 from .document import GLB_MAGIC, open_document
 from .properties import extensions, integer
 
 if TYPE_CHECKING:
     from .document import Document
     from .writer import Document as Written
-
-EXTENSION = "TEXF_stream"
-
 
 def read_carried(document: Document) -> bytes | None:
     """The bytes of the stream that the default scene carries, or None. Raises InputError TXF-I09 to I11 if the extension refers

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ...errors import InputError, SupportError
 from ...report import plural
 from ..file_search import missing_file, read_file
+from .deflated import dec_view
 from .meshopt import EXTENSIONS, decode_view
 from .properties import extensions, integer, is_index, malformed, part, title
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
     from ..parts import Notes
 
+DEFLATED = "TEXF_stream"
 GLB_MAGIC, CHUNK_JSON, CHUNK_BIN = b"glTF", 0x4E4F534A, 0x004E4942
 
 
@@ -72,7 +74,7 @@ class Document:
     def view(self, index: Any) -> tuple[memoryview | bytes, int | None]:
         """(bytes, byteStride or None) of bufferView `index`. Raises InputError TXF-I11 if it leaves its buffer."""
         entry = self.entry("bufferViews", index)
-        packed = next((part(extensions(entry), name) for name in EXTENSIONS if name in extensions(entry)), None)
+        packed = next((part(extensions(entry), name) for name in (DEFLATED, *EXTENSIONS) if name in extensions(entry)), None)
         data = self._slice(entry, index) if packed is None else self._unpacked(packed, entry, index)
         stride = integer(entry, "byteStride", low=1) if "byteStride" in entry else None
         return data, stride
@@ -93,6 +95,8 @@ class Document:
 
     def _unpacked(self, packed, entry, index):
         """The decoded bytes of a compressed bufferView; if its form is not supported, the plain copy that some files have."""
+        if index not in self._decoded and DEFLATED in extensions(entry):
+            self._decoded[index] = dec_view(self._slice(packed, index), packed, entry, index)
         if index not in self._decoded:
             try:
                 self._decoded[index] = decode_view(self._slice(packed, index), packed, entry, index)

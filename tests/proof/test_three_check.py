@@ -14,7 +14,7 @@ from mesh_files import Builder
 from texfcodec.geometry.areas import face_areas
 from texfcodec.geometry.tangents import corner_tangents
 from texfcodec.io.load import load
-from texfcodec.metrics.views import Look, compare_views
+from texfcodec.metrics.views import ViewSettings, compare_views
 from texfcodec.render.camera import to_camera
 from texfcodec.render.environment import DAYLIGHT
 from tools.proof import three_check
@@ -87,9 +87,9 @@ def test_pixels_count_that_both_cover_and_all_samples_of_a_pixel_do():
 
 def test_our_side_is_what_texf_eval_shaded_compares(tmp_path):
     scenes = [load(ball(tmp_path / f"{n}.glb", roughness)) for n, roughness in enumerate((0.3, 0.5))]
-    look, cameras = Look(environment=DAYLIGHT), cameras_of(scenes[0], 3, 96)
-    wanted = compare_views(*scenes, views=3, size=96, look=look)
-    _, got, _, _ = agreement(*(ours(scene, cameras, look) for scene in scenes))
+    settings, cameras = ViewSettings(environment=DAYLIGHT), cameras_of(scenes[0], 3, 96)
+    wanted = compare_views(*scenes, views=3, size=96, settings=settings)
+    _, got, _, _ = agreement(*(ours(scene, cameras, settings) for scene in scenes))
     assert got == pytest.approx(wanted["psnr"]["y"], abs=1e-9)
 
 

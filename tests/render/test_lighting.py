@@ -12,7 +12,7 @@ from texfcodec import EncodeOptions, decode
 from texfcodec.core.colour_error import decibels
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.metrics.shaded import compare_channels, compare_shaded
-from texfcodec.metrics.views import Look, compare_views
+from texfcodec.metrics.views import ViewSettings, compare_views
 from texfcodec.render import lit_scene
 from texfcodec.render.camera import bounding_sphere, orthographic, perspective_around
 from texfcodec.render.environment import DAYLIGHT
@@ -297,8 +297,8 @@ def test_a_mesh_of_other_vertices_is_compared_where_it_is_nearest():
 def test_mipmaps_and_light_are_looks_of_the_same_views():
     scene = dome(["roughness"])
     texf = decode(encode_scene(scene, VOXELS).data)
-    looks = [Look(), Look(mipmaps=True), Look(environment=DAYLIGHT), Look(environment=DAYLIGHT, mipmaps=True)]
-    found = [compare_views(scene, texf, 2, 48, look=look) for look in looks]
+    all_settings = [ViewSettings(environment=light, mipmaps=mipmaps) for light in (None, DAYLIGHT) for mipmaps in (False, True)]
+    found = [compare_views(scene, texf, 2, 48, settings=settings) for settings in all_settings]
     assert len({one["pixels"] for one in found}) == 1 and len({one["psnr"]["y"] for one in found}) == 4
     assert min(one["psnr"]["y"] for one in found) > 30
 

@@ -27,7 +27,7 @@ from texfcodec.codecs.neural.payload import Payload, Tables, enc_codes
 from texfcodec.field.texels import TexelSupport
 from texfcodec.field.voxels import VoxelSupport
 from texfcodec.io.load import load
-from texfcodec.metrics.views import SIZE, VIEWS, Look, renderer
+from texfcodec.metrics.views import SIZE, VIEWS, ViewSettings, renderer
 from texfcodec.render.camera import Camera, bounding_sphere, fibonacci_direction, orthographic
 from texfcodec.scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
 from texfcodec.texf import Texf
@@ -165,7 +165,7 @@ def cameras_of(centre: np.ndarray, radius: float, views: int = VIEWS) -> np.ndar
 
 def reference_picture(side: Scene | Texf, camera: Camera) -> np.ndarray:
     """What texf-render draws as the metric draws it, with coarser levels: uint8 [H, W, 4], alpha 255 where anything is seen."""
-    picture = renderer(side, Look(mipmaps=True))(camera)
+    picture = renderer(side, ViewSettings(mipmaps=True))(camera)
     seen = np.zeros(camera.width * camera.height, np.uint8)
     seen[picture.pixel] = 255
     return np.concatenate([picture.image(), seen.reshape(camera.height, camera.width, 1)], axis=2)

@@ -30,7 +30,7 @@ if not __package__:  # called as a file
 from texfcodec import decode
 from texfcodec.core.colour_error import ColourError, in_decibels
 from texfcodec.io.load import load
-from texfcodec.metrics.views import Look, renderer
+from texfcodec.metrics.views import ViewSettings, renderer
 from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.shade import box_down
@@ -97,9 +97,9 @@ def told_lights(environment):
     return [{"direction": light.direction.tolist(), "colour": light.irradiance.tolist()} for light in lights]
 
 
-def ours(scene, cameras, look, averaged=1):
+def ours(scene, cameras, settings, averaged=1):
     """Shown by our renderer."""
-    draw, out = renderer(scene, look), Shown([], [])
+    draw, out = renderer(scene, settings), Shown([], [])
     for camera in cameras:
         picture = draw(camera)
         covered = np.zeros(camera.height * camera.width, bool)
@@ -174,9 +174,9 @@ def keep(folder, name, shown):
         Image.fromarray(np.hstack(row)).save(folder / f"{name}-{view}.png")
 
 
-def row_of(name, scenes, cameras, look, args):
+def row_of(name, scenes, cameras, settings, args):
     """(cells of the table, PSNR RGB of the renderers) of a subject of one scene or two."""
-    here = [ours(scene, cameras, look, args.averaged) for scene in scenes]
+    here = [ours(scene, cameras, settings, args.averaged) for scene in scenes]
     there = [theirs(args.out / "three", f"{name}-{number}", args.views, args.size * args.averaged, args.averaged)
              for number in range(len(scenes))]
     if args.pictures:
@@ -188,7 +188,7 @@ def row_of(name, scenes, cameras, look, args):
                 f"{100 * both[0][2]:.1f} %"], both[0][0]
     ((rgb, y, covered, far),), more = both, []
     if args.samples:
-        fine = ours(scenes[0], cameras_of(scenes[0], args.views, args.size * args.samples), look, args.samples)
+        fine = ours(scenes[0], cameras_of(scenes[0], args.views, args.size * args.samples), settings, args.samples)
         more = [in_decibels(agreement(fine, one)[0]) for one in (here[0], there[0])]
     return [name, in_decibels(rgb), in_decibels(y), f"{100 * covered:.2f} %", f"{100 * far:.2f} %", *more], rgb
 
@@ -240,7 +240,8 @@ def main(arguments=None):
         names = [name for name, paths in subjects.items() if len(paths) == count]
         print(*([f"\n| {' | '.join(head)} |\n|---|{'---:|' * (len(head) - 1)}"] if names else []), sep="\n")
         for name in names:
-            cells, rgb = row_of(name, scenes[name], cameras[name], Look(environment=environment, mipmaps=args.mipmaps), args)
+            settings = ViewSettings(environment=environment, mipmaps=args.mipmaps)
+            cells, rgb = row_of(name, scenes[name], cameras[name], settings, args)
             missed |= count == 1 and rgb < args.least
             print(f"| {' | '.join(cells)} |", flush=True)
     return 7 if missed else 0

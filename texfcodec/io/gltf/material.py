@@ -44,7 +44,7 @@ class TextureInfo:
 
 
 @dataclass
-class Look:
+class MaterialFields:
     """The surface of a glTF material. factor: base colour, float64 [4] linear; images: TextureInfo by channel name, base colour
     among them, in the order of channels.CHANNELS; parameters: as in scene.scene.Material."""
 
@@ -63,10 +63,10 @@ class Look:
         return {name: info for name, info in self.images.items() if first is not None and not info.same_uv(first)}
 
 
-def read_look(document: Document, index: int | None) -> Look:
-    """Material index (None: glTF's default material) -> Look."""
+def read_material_fields(document: Document, index: int | None) -> MaterialFields:
+    """Material index (None: glTF's default material) -> MaterialFields."""
     if index is None:
-        return Look(np.ones(4), {}, {})
+        return MaterialFields(np.ones(4), {}, {})
     entry = document.entry("materials", index)
     glossy = part(extensions(entry), _SPECULAR_GLOSSINESS)
     images = {channel.name: _texture_info(info) for channel in (BASE_COLOUR, *MAPS) if (info := _slot(entry, channel))}
@@ -79,7 +79,7 @@ def read_look(document: Document, index: int | None) -> Look:
         parameters = _parameters(entry) | {"metallic": (0.0,)}
     else:
         factor, parameters = numbers(part(entry, PBR), "baseColorFactor", (1.0,) * 4), _parameters(entry)
-    return Look(np.array(factor), images, parameters)
+    return MaterialFields(np.array(factor), images, parameters)
 
 
 def _part_of(entry, extension):
@@ -133,24 +133,25 @@ def _texture_coordinates(info):
     return integer(transform, "texCoord", texcoord, low=0), matrix
 
 
-def read_material(document: Document, index: int | None, look: Look, shelf: TextureShelf) -> Material:
-    """Material index with its Look -> Material. Its textures go to the shelf; messages name the properties that are left out."""
+def read_material(document: Document, index: int | None, fields: MaterialFields, shelf: TextureShelf) -> Material:
+    """Material index with its MaterialFields -> Material. Its textures go to the shelf; messages name the properties
+    that are left out."""
     if index is None:
         return Material("default")
     entry = document.entry("materials", index)
     name = f"material {title(entry, index)}"
     _drop_properties(document, entry, name)
-    placed = {channel: _put_texture(document, info.texture, channel, shelf) for channel, info in look.images.items()}
+    placed = {channel: _put_texture(document, info.texture, channel, shelf) for channel, info in fields.images.items()}
     return Material(
         name=name_of(entry),
-        factor=clipped(look.factor[None], document.notes, f"base colour factor of {name}")[0],
+        factor=clipped(fields.factor[None], document.notes, f"base colour factor of {name}")[0],
         texture=placed.pop(BASE_COLOUR.name, -1),
         alpha_mode=_alpha_mode(document, entry, name),
         alpha_cutoff=numbers(entry, "alphaCutoff", 0.5),
         double_sided=entry.get("doubleSided") is True,
         unlit=UNLIT in extensions(entry),
         maps={channel: texture for channel, texture in placed.items() if texture >= 0},
-        parameters=look.parameters,
+        parameters=fields.parameters,
     )
 
 

@@ -60,10 +60,10 @@ def _shows(scene, number):
     bound = material.factor[3] * (1.0 if colour is None else colour.max()) * (1.0 if image is None else image.max() / 255.0)
     if bound < least or image is None:  # without an image a corner has the most
         return bound >= least
-    return any(_most(scene, number, faces[part], points) >= least for part, points in _looks(len(faces)))
+    return any(_most(scene, number, faces[part], points) >= least for part, points in _rounds(len(faces)))
 
 
-def _looks(count) -> Iterator[tuple[slice, np.ndarray]]:
+def _rounds(count) -> Iterator[tuple[slice, np.ndarray]]:
     """Yields (faces, barycentric points [N, 3]) to test, cheapest first. count: number of faces."""
     yield slice(0, count, max(1, count // _FEW)), _COARSE
     for begin in range(0, count, _BLOCK):

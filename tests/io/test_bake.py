@@ -58,11 +58,11 @@ def rows_of(system, x, y):
     return out
 
 
-def dense(system, ask, columns):
+def dense(system, sample, columns):
     """The damped least squares that fitted() solves, as a dense matrix and its right side."""
     x, y, face = (np.concatenate(part) for part in zip(*(block() for block in system._sample_blocks()), strict=True))
-    look_ups, wanted = rows_of(system, x, y), ask(system._points(x, y, face), face)
-    start = system.at_centres(ask, columns)
+    look_ups, wanted = rows_of(system, x, y), sample(system._points(x, y, face), face)
+    start = system.at_centres(sample, columns)
     damping = system_room.DAMPING * (look_ups**2).sum(0).mean()
     return np.vstack([look_ups, np.sqrt(damping) * np.eye(len(start))]), np.vstack([wanted, np.sqrt(damping) * start])
 
@@ -73,29 +73,29 @@ def dense(system, ask, columns):
 def test_fit_agrees_with_a_dense_least_squares_solution(monkeypatch):
     monkeypatch.setattr(system_room, "SWEEPS", 200)
     system = AtlasSystem(*two_squares())
-    ask = lambda points, face: rough_colour(points)
-    stacked, wanted = dense(system, ask, 3)
+    sample = lambda points, face: rough_colour(points)
+    stacked, wanted = dense(system, sample, 3)
     oracle = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
     inside = (oracle >= 0) & (oracle <= 255)
-    fitted = system.fitted(ask, 3)
+    fitted = system.fitted(sample, 3)
     assert inside.all() and np.abs(fitted - oracle).max() < 0.05
     monkeypatch.setattr(system_room, "SWEEPS", 4)
-    assert np.abs(system.fitted(ask, 3) - oracle).mean() < 0.15 * np.abs(system.at_centres(ask, 3) - oracle).mean()
+    assert np.abs(system.fitted(sample, 3) - oracle).mean() < 0.15 * np.abs(system.at_centres(sample, 3) - oracle).mean()
 
 
 def test_weighted_fit_agrees_with_a_dense_least_squares_solution(monkeypatch):
     monkeypatch.setattr(system_room, "SWEEPS", 200)
     system = AtlasSystem(*two_squares())
     counts = lambda points: 0.25 + 0.75 * (points[:, 1] < 0.5)
-    ask = lambda points, face: np.column_stack([rough_colour(points), counts(points)]).astype(np.float32)
+    sample = lambda points, face: np.column_stack([rough_colour(points), counts(points)]).astype(np.float32)
     x, y, face = (np.concatenate(part) for part in zip(*(block() for block in system._sample_blocks()), strict=True))
     points = system._points(x, y, face)
     root, look_ups = np.sqrt(counts(points))[:, None], rows_of(system, x, y)
-    start = system.at_centres(ask, 4)[:, :3]
+    start = system.at_centres(sample, 4)[:, :3]
     damping = system_room.DAMPING * ((root * look_ups) ** 2).sum(0).mean()
     stacked = np.vstack([root * look_ups, np.sqrt(damping) * np.eye(len(start))])
     oracle = np.linalg.lstsq(stacked, np.vstack([root * rough_colour(points), np.sqrt(damping) * start]), rcond=None)[0]
-    assert np.abs(system.fitted(ask, 3, weighted=True) - np.clip(oracle, 0, 255)).max() < 0.05
+    assert np.abs(system.fitted(sample, 3, weighted=True) - np.clip(oracle, 0, 255)).max() < 0.05
 
 
 def test_values_stay_in_range_where_the_least_squares_would_leave_it(monkeypatch):

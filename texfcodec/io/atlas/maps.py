@@ -36,19 +36,19 @@ class AtlasMaps:
         values = {}
         for name in sheet:
             channel = channel_over(name, planar=True)
-            ask = self._ask_normal(name) if channel.unit == "degrees" else self._ask(name)
-            values[name] = self.system.fitted(ask, channel.components, threads=self.texf.threads)
+            sample = self._normal_function(name) if channel.unit == "degrees" else self._channel_function(name)
+            values[name] = self.system.fitted(sample, channel.components, threads=self.texf.threads)
         image = np.zeros((self.atlas.height, self.atlas.width, 4), np.uint8)
         image[self.system.covered] = sheet_colours(values)
         image = image if any(3 in BY_NAME[name].columns for name in sheet) else np.ascontiguousarray(image[..., :3])
         fill_gaps(image, self.system.covered)
         return image
 
-    def _ask(self, name):
+    def _channel_function(self, name):
         """Function (points float64 [M, 3], face int64 [M] of the atlas) -> values [M, C]; 255 if a field lacks the channel."""
         channel = channel_over(name, planar=False)
 
-        def ask(points, face):
+        def sample(points, face):
             out = np.full((len(points), channel.components), 255, np.float32)
             for number in np.unique(self._which[face]).tolist():
                 chosen = np.flatnonzero(self._which[face] == number)
@@ -57,16 +57,16 @@ class AtlasMaps:
                     out[chosen] = self.texf.query_planes(number, (channel.name,), points[chosen], mesh_faces)[channel.name]
             return out
 
-        return ask
+        return sample
 
-    def _ask_normal(self, name):
-        """As _ask(), for x and y of normals in the atlas's tangent space, float32 [M, 2] in 0..255."""
-        ask, normals, tangents = self._ask(name), self.normal, self._tangent
+    def _normal_function(self, name):
+        """As _channel_function(), for x and y of normals in the atlas's tangent space, float32 [M, 2] in 0..255."""
+        sample, normals, tangents = self._channel_function(name), self.normal, self._tangent
         assert normals is not None and tangents is not None, "a normal map needs the normals of its corners"
 
         def ask_normal(points, face):
             xy = np.empty((len(points), 2), np.float32)
-            _in_tangent_space(points, face, self._corners, normals, tangents, ask(points, face), xy)
+            _in_tangent_space(points, face, self._corners, normals, tangents, sample(points, face), xy)
             return xy
 
         return ask_normal

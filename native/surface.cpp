@@ -247,7 +247,7 @@ std::vector<u64> active_voxels(const Asset& asset, size_t field, int resolution,
   return weights.keys(i64(threshold) << 24);
 }
 
-std::vector<u64> asked_texels(const Asset& asset, size_t index) {
+std::vector<u64> referenced_texels(const Asset& asset, size_t index) {
   const Field& field = asset.fields[index];
   Image image(field.width, field.height);
   for (const GeometryUnit& unit : asset.units)

@@ -18,7 +18,7 @@ from texfcodec.codecs import codec_of
 from texfcodec.codecs.base import Group
 from texfcodec.field.keyed import keys_crc
 from texfcodec.field.morton import decode_morton
-from texfcodec.field.texel_set import asked_texels
+from texfcodec.field.texel_set import referenced_texels
 from texfcodec.field.texels import TexelSupport
 from texfcodec.field.voxelise import voxelise
 from texfcodec.field.voxels import VoxelSupport
@@ -154,7 +154,7 @@ def _texels(field, patches, stream, number):
     """Adds a field over texels to the stream: its support and pixels."""
     height, width = field.pixels.shape[:2]
     uv = np.concatenate([_whole_uv(patch).reshape(-1, 2) for patch in patches])
-    keys = asked_texels(uv, np.arange(len(uv)).reshape(-1, 3), field.fraction, (width, height), field.wrap)
+    keys = referenced_texels(uv, np.arange(len(uv)).reshape(-1, 3), field.fraction, (width, height), field.wrap)
     stream.fields.append({"field_index": number, "support": SUPPORT_TEXELS, "width": width, "height": height,
                           "wrap_s": field.wrap[0], "wrap_t": field.wrap[1], "uv_fraction_bits": field.fraction,
                           "num_keys": len(keys), "keys_crc": keys_crc(keys)})

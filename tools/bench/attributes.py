@@ -50,7 +50,7 @@ from texfcodec.core.json_text import json_ready, json_text
 from texfcodec.core.syntax_walk import write_structure
 from texfcodec.field.extents import octree_depth
 from texfcodec.field.morton import decode_morton, encode_morton
-from texfcodec.field.texel_set import asked_texels
+from texfcodec.field.texel_set import referenced_texels
 from texfcodec.io.load import load
 from texfcodec.metrics.bd_rate import bd_rate
 from tools.bench.methods.external import GEOMETRY, TRANSFORMS, write_ply
@@ -121,7 +121,7 @@ def load_texels(path, crop=None):
     height, width = texture.image.shape[:2]
     own = np.isin(scene.face_material, [i for i, m in enumerate(scene.materials) if m.texture == number])
     steps = np.floor(scene.corner_uv[own] * (width, height) * 4 + 0.5).astype(np.int64).reshape(-1, 2)
-    keys = asked_texels(steps, np.arange(len(steps)).reshape(-1, 3), 2, (width, height), tuple(texture.wrap))
+    keys = referenced_texels(steps, np.arange(len(steps)).reshape(-1, 3), 2, (width, height), tuple(texture.wrap))
     x, y = decode_morton(keys)[:, :2].T
     mask = np.zeros((height, width), bool)
     mask[y, x] = True

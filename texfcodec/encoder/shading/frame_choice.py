@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...field.texel_set import asked_texels
+from ...field.texel_set import referenced_texels
 from ...geometry.areas import face_areas
 from ...geometry.tangents import corner_tangents
 from ...render.tangent_frames import tangent_space_normals
@@ -153,7 +153,7 @@ def _best(frames, mapped, price):
 def _texels(plan):
     """Return the number of texels that the faces of a plan cover."""
     uv = plan.corner_uv().reshape(-1, 2)
-    return len(asked_texels(uv, np.arange(len(uv)).reshape(-1, 3), plan.fraction_bits, plan.size, plan.group.wrap))
+    return len(referenced_texels(uv, np.arange(len(uv)).reshape(-1, 3), plan.fraction_bits, plan.size, plan.group.wrap))
 
 
 def _judged(plans, bent, qp):

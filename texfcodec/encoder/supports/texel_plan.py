@@ -9,7 +9,7 @@ import numpy as np
 
 from ...bitstream.syntax import MAX_UV_ORIGIN
 from ...errors import LimitError
-from ...field.texel_set import asked_texels, count_rows, shown_area
+from ...field.texel_set import count_rows, referenced_texels, shown_area
 from ...field.texels import TexelSupport
 from ...geometry.areas import face_areas
 from ...geometry.draco import MAX_UV_BITS
@@ -120,7 +120,7 @@ def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows
     rows = count_rows(uv, faces, plan.fraction_bits)
     if most_rows is not None and rows > most_rows:
         raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows, allowed=most_rows)
-    return asked_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, most)
+    return referenced_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, most)
 
 
 def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Source, limits: Limits, threads: int) -> SourceField:

@@ -11,7 +11,7 @@ from ...field.on_face import corner_weights
 from ...geometry.tangents import corner_tangents
 from ...scene.channels import BY_NAME, channel_over
 from ...scene.factors import FLAT
-from .gaps import fill_gaps
+from .fill_uncovered import fill_uncovered
 from .sheets import sheet_colours
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class AtlasMaps:
         image = np.zeros((self.atlas.height, self.atlas.width, 4), np.uint8)
         image[self.system.covered] = sheet_colours(values)
         image = image if any(3 in BY_NAME[name].columns for name in sheet) else np.ascontiguousarray(image[..., :3])
-        fill_gaps(image, self.system.covered)
+        fill_uncovered(image, self.system.covered)
         return image
 
     def _channel_function(self, name):

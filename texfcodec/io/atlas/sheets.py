@@ -10,7 +10,7 @@ import numpy as np
 from ...scene.channels import BY_NAME, SHEETS, channel_over
 from ...scene.factors import FLAT
 from ...scene.srgb import to_bytes
-from .gaps import fill_gaps
+from .fill_uncovered import fill_uncovered
 from .texel_image import texel_support
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def texel_sheet(texf: Texf, number: int, sheet: tuple[str, ...], texels: tuple[n
     image = np.zeros((*referenced.shape, 4), np.uint8)
     image[row, column] = sheet_colours(values)
     image = image if any(3 in BY_NAME[name].columns for name in sheet) else np.ascontiguousarray(image[..., :3])
-    fill_gaps(image, referenced)
+    fill_uncovered(image, referenced)
     return image
 
 

@@ -12,7 +12,7 @@ from ...field.texels import TexelSupport
 from ...scene.channels import BASE_COLOUR
 from ...scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR
 from ...scene.srgb import to_bytes
-from .gaps import fill_gaps
+from .fill_uncovered import fill_uncovered
 from .system import BLOCK
 
 if TYPE_CHECKING:
@@ -106,12 +106,12 @@ def _filled(texf, number, image, referenced):
     255. referenced: bool [H, W]."""
     if (texf.fields[number].rgba[:, 3] == 255).all():
         image = np.ascontiguousarray(image[..., :3])
-        fill_gaps(image, referenced)
+        fill_uncovered(image, referenced)
         return image
     filled = image.copy()
-    fill_gaps(filled[..., 3:], referenced)
+    fill_uncovered(filled[..., 3:], referenced)
     visible = referenced & (image[..., 3] > 0) if _sees_alpha(texf, number) else referenced
-    fill_gaps(filled[..., :3], visible if visible.any() else referenced)
+    fill_uncovered(filled[..., :3], visible if visible.any() else referenced)
     return np.where(referenced[..., None], image, filled)
 
 

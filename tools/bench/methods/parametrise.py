@@ -39,7 +39,7 @@ from tools.bench.methods.image_codecs import RIVALS
 SOURCE_UVS, PARAMETRISATIONS = "source", ("source", "uvatlas", "xatlas")
 POSITION_BITS = 14
 SECONDS = 1800.0
-GUTTER = 4  # texels between charts, as io/atlas/quality.py asks xatlas for
+PADDING = 4  # texels between charts, as io/atlas/quality.py asks xatlas for
 LEAST_SIDE, MOST_SIDE = 16, 16384
 NOT_LOADED = 3  # status of the child process
 _CHILD = "from tools.bench.methods.parametrise import _child; _child()"
@@ -273,7 +273,7 @@ def _child():
     with np.load(io.BytesIO(sys.stdin.buffer.read())) as request:
         points, faces, side = request["points"], request["faces"], int(request["side"])
     mesh = open3d.t.geometry.TriangleMesh(open3d.core.Tensor(points), open3d.core.Tensor(faces))
-    mesh.compute_uvatlas(size=side, gutter=float(GUTTER))
+    mesh.compute_uvatlas(size=side, gutter=float(PADDING))
     reply = io.BytesIO()
     np.savez(reply, uv=mesh.triangle["texture_uvs"].numpy())
     replies.write(reply.getvalue())

@@ -15,7 +15,7 @@ from ..scene.factors import absorb
 from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material
 from ..scene.srgb import srgb_to_linear
 from .atlas.sheets import sheets_of
-from .vertex_fit import VertexColours, vertex_fit
+from .vertex_colours import VertexColours, fit_vertex_colours
 
 if TYPE_CHECKING:
     from ..texf import Texf
@@ -80,7 +80,7 @@ def saved_materials_of(texf: Texf, held: tuple[str, ...] | None = None, at_verti
         if flat:
             saved.mapped = tuple(name for name in saved.mapped if name not in NORMAL_MAPS)
         if at_vertices and skins[skin].field is None and saved.mapped == (BASE_COLOUR.name,):
-            saved.colours = vertex_fit(texf, faces)
+            saved.colours = fit_vertex_colours(texf, faces)
             saved.mapped = saved.mapped if saved.colours is None else ()
         rows.append(saved)
         skins[skin].has_base |= BASE_COLOUR.name in saved.mapped

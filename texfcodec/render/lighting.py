@@ -20,7 +20,7 @@ from .lit_scene import SceneMaps
 from .lobes import build_tables
 from .material import expose, shade
 from .material_effects import ShadingTable
-from .surface import Points
+from .shading_points import ShadingPoints
 from .tangent_frames import deviated_normals, interpolate_corners, tangent_space_normals, towards_viewer
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class Lighting:
         if "clearcoat" in effects and not wanted.isdisjoint(("normal", "clearcoat_normal")):
             coat = turned("clearcoat_normal")
         tangent = self.maps.tangents("anisotropy", face, bary) if "anisotropy" in effects else None
-        return Points(material=material, normal=normal, view=view, values=values, tangent=tangent, coat_normal=coat)
+        return ShadingPoints(material=material, normal=normal, view=view, values=values, tangent=tangent, coat_normal=coat)
 
     def _final(self, name, values, material):
         """Final values of a channel; a material without the map has the neutral value."""

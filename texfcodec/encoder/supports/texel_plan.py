@@ -16,7 +16,7 @@ from ...geometry.draco import MAX_UV_BITS
 from ...scene.channels import BY_NAME
 from ...scene.fetch import values_of_map
 from ...scene.scene import WRAP_CLAMP, WRAP_REPEAT
-from ..values.shown_maps import turn_of, turned
+from ..values.shown_maps import frame_rotation, rotate_xy
 from ..values.source_field import SourceField, colour_planes
 from .resample import resampled
 
@@ -130,9 +130,9 @@ def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Sour
                            fraction_bits=plan.fraction_bits)
     planes, shifts = colour_planes(plan.values(source.surface, support.xy(), threads), source), {}
     normals = [name for name in plan.group.maps if BY_NAME[name].unit == "degrees"]
-    turn = turn_of(source.scene, source.surface, plan.group.faces) if normals else None
+    rotation = frame_rotation(source.scene, source.surface, plan.group.faces) if normals else None
     for name in plan.group.maps:
         values, shifts[name] = plan.values_of_map(name, source.surface, support, threads)
-        planes[name] = turned(values, turn) if name in normals else values
+        planes[name] = rotate_xy(values, rotation) if name in normals else values
     return SourceField(support, 0, planes, shifts, exact=plan.group.palette, nearest=plan.group.nearest,
                        qp_offset=plan.qp_offset)

@@ -13,7 +13,7 @@ from ..scene.channels import BASE_COLOUR, BY_NAME, NORMAL_MAPS, channel_over
 from ..scene.scene import NEAREST_FIELDS, WRAP_CLAMP, Texture
 from .atlas.bake import bake
 from .atlas.maps import AtlasMaps
-from .atlas.sheets import texel_sheet
+from .atlas.packed_images import packed_texel_image
 from .atlas.texel_image import texel_image_and_uv
 from .atlas.unwrap import check_arguments
 from .saved_materials import SavedMaterials, names_in
@@ -96,28 +96,29 @@ def _of_texels(texf, materials, skin, _, __):
     wrap, squares = tuple(texf.fields[skin.field].support.wrap), texf.metadata.get(NEAREST_FIELDS)
     nearest = isinstance(squares, list) and skin.field in squares
     named_textures = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name, nearest=nearest))] * skin.has_base
-    for sheet in skin.sheets:
-        named_textures.append((sheet, _of_sheet(texel_sheet(texf, skin.field, sheet, centres), wrap, sheet, materials.apart)))
+    for packed in skin.packed:
+        image = packed_texel_image(texf, skin.field, packed, centres)
+        named_textures.append((packed, _packed_texture(image, wrap, packed, materials.apart)))
     return named_textures, uv, []
 
 
-def _of_sheet(image, wrap, sheet, apart):
-    if apart and BY_NAME[sheet[0]].components == 1:
-        image = np.repeat(image[..., BY_NAME[sheet[0]].columns], 3, axis=2)
-    return Texture(image, wrap, "_".join(sheet), any(BY_NAME[name].srgb for name in sheet))
+def _packed_texture(image, wrap, packed, apart):
+    if apart and BY_NAME[packed[0]].components == 1:
+        image = np.repeat(image[..., BY_NAME[packed[0]].columns], 3, axis=2)
+    return Texture(image, wrap, "_".join(packed), any(BY_NAME[name].srgb for name in packed))
 
 
 def _of_atlas(texf, materials, skin, normal, arguments):
     """As _of_texels(), for the atlas that all fields over voxels share."""
     faces = _faces_of(texf, materials, skin)
-    if not skin.has_base and not skin.sheets:
+    if not skin.has_base and not skin.packed:
         return [], np.zeros((len(faces), 3, 2)), []
     texture_size, atlas = arguments
     baked = bake(texf, texture_size, atlas, faces)
     image = baked.image if texf.has_alpha else np.ascontiguousarray(baked.image[..., :3])
     wrap = (WRAP_CLAMP, WRAP_CLAMP)
     named_textures = [((BASE_COLOUR.name,), Texture(image, wrap, BASE_COLOUR.name))] * skin.has_base
-    if skin.sheets:
+    if skin.packed:
         maps = AtlasMaps(texf, faces, baked, None if normal is None else normal[faces])
-        named_textures += [(sheet, _of_sheet(maps.image(sheet), wrap, sheet, materials.apart)) for sheet in skin.sheets]
+        named_textures += [(packed, _packed_texture(maps.image(packed), wrap, packed, materials.apart)) for packed in skin.packed]
     return named_textures, baked.atlas.corner_uv, baked.warnings

@@ -14,7 +14,7 @@ from ..scene.channels import ALPHA, BASE_COLOUR, BY_NAME, NORMAL_MAPS, channel_o
 from ..scene.factors import absorb
 from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material
 from ..scene.srgb import srgb_to_linear
-from .atlas.sheets import sheets_of
+from .atlas.packed_images import packed_images_of
 from .vertex_colours import VertexColours, fit_vertex_colours
 
 if TYPE_CHECKING:
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 @dataclass
 class Skin:
     """Faces with their own images. field: number of their field, which is over texels; None for the atlas that all fields over
-    voxels share. has_base: whether any material needs an image of the base colour; sheets: channels of each other image."""
+    voxels share. has_base: whether any material needs an image of the base colour; packed: channels of each other image."""
 
     field: int | None
     has_base: bool = False
-    sheets: list[tuple[str, ...]] = dataclass_field(default_factory=list)
+    packed: list[tuple[str, ...]] = dataclass_field(default_factory=list)
 
 
 @dataclass
@@ -58,7 +58,7 @@ class SavedMaterials:
     @property
     def image_count(self) -> int:
         """Number of images that the skins need."""
-        return sum(skin.has_base + len(skin.sheets) for skin in self.skins)
+        return sum(skin.has_base + len(skin.packed) for skin in self.skins)
 
     @property
     def has_image(self) -> np.ndarray:
@@ -86,7 +86,7 @@ def saved_materials_of(texf: Texf, held: tuple[str, ...] | None = None, at_verti
         skins[skin].has_base |= BASE_COLOUR.name in saved.mapped
     for number, skin in enumerate(skins):
         wanted = {name for saved in rows if saved.skin == number for name in saved.mapped}
-        skin.sheets = sheets_of(wanted) if held is None else [(name,) for name in held[1:] if name in wanted]
+        skin.packed = packed_images_of(wanted) if held is None else [(name,) for name in held[1:] if name in wanted]
     idle = np.setdiff1d(np.arange(len(texf.materials)), texf.face_material)
     rows += [SavedMaterial(int(number), -1, texf.materials[number], ()) for number in idle]
     return SavedMaterials(skins, rows, face_row, _make_opaque(texf, rows, skins, face_row), apart=held is not None)

@@ -306,7 +306,7 @@ def _has_alpha(scene):
 
 
 class MeshColours:
-    """Colours of a mesh at the points nearest to given points, on the sheet that faces the same way.
+    """Colours of a mesh at the points nearest to given points, on the layer that faces the same way.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from ...geometry.tangents import corner_tangents
 from ...scene.channels import BY_NAME, channel_over
 from ...scene.factors import FLAT
 from .fill_uncovered import fill_uncovered
-from .sheets import sheet_colours
+from .packed_images import packed_texels
 
 if TYPE_CHECKING:
     from ...texf import Texf
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 class AtlasMaps:
     """Images of maps for an atlas. texf: decoded stream (Texf); faces: int64 [n], those of the atlas; baked: their Baked; normal:
-    float32 [n, 3, 3], shading normals of their corners, or None if no sheet has a normal map."""
+    float32 [n, 3, 3], shading normals of their corners, or None if no packed image has a normal map."""
 
     def __init__(self, texf: Texf, faces: np.ndarray, baked: Baked, normal: np.ndarray | None) -> None:
         self.texf, self.faces, self.system, self.atlas, self.normal = texf, faces, baked.system, baked.atlas, normal
@@ -31,16 +31,16 @@ class AtlasMaps:
         if normal is not None:
             self._tangent = corner_tangents(texf.positions, texf.faces[faces], baked.atlas.corner_uv, normal)
 
-    def image(self, sheet: tuple[str, ...]) -> np.ndarray:
-        """The image of a sheet: uint8 [H, W, 3], or [H, W, 4] if a channel is in alpha."""
+    def image(self, packed: tuple[str, ...]) -> np.ndarray:
+        """The packed image of channels: uint8 [H, W, 3], or [H, W, 4] if a channel is in alpha."""
         values = {}
-        for name in sheet:
+        for name in packed:
             channel = channel_over(name, planar=True)
             sample = self._normal_function(name) if channel.unit == "degrees" else self._channel_function(name)
             values[name] = self.system.fitted(sample, channel.components, threads=self.texf.threads)
         image = np.zeros((self.atlas.height, self.atlas.width, 4), np.uint8)
-        image[self.system.covered] = sheet_colours(values)
-        image = image if any(3 in BY_NAME[name].columns for name in sheet) else np.ascontiguousarray(image[..., :3])
+        image[self.system.covered] = packed_texels(values)
+        image = image if any(3 in BY_NAME[name].columns for name in packed) else np.ascontiguousarray(image[..., :3])
         fill_uncovered(image, self.system.covered)
         return image
 

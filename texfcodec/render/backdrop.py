@@ -45,7 +45,7 @@ def rows(background: Background, height: int) -> np.ndarray:
     return np.rint(ends[0] * (1 - share) + ends[-1] * share).astype(np.uint8)
 
 
-def is_plain(asset: Scene | Texf) -> bool:
+def is_nearly_uniform(asset: Scene | Texf) -> bool:
     """Whether the base colour has no more than FEW colours, so that a picture without light shows an outline and no shape.
 
     Parameters

@@ -18,7 +18,7 @@ from texfcodec.metrics.views import ViewSettings, compare_views
 from texfcodec.render.camera import to_camera
 from texfcodec.render.environment import DAYLIGHT
 from tools.proof import three_check
-from tools.proof.strangers.run import node_modules
+from tools.proof.public_models.run import node_modules
 from tools.proof.three_check import (
     Shown,
     agreement,
@@ -32,7 +32,7 @@ from tools.proof.three_check import (
     told_lights,
 )
 
-MODULES = Path(__file__).resolve().parents[2] / "out" / "strangers"
+MODULES = Path(__file__).resolve().parents[2] / "out" / "public_models"
 
 
 def ball(path, roughness=0.5, rows=24):

@@ -34,7 +34,7 @@ from texfcodec.metrics.views import ViewSettings, renderer
 from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.shade import box_down
-from tools.proof.strangers.run import node_modules
+from tools.proof.public_models.run import node_modules
 
 PAGE, SOURCES = Path(__file__).with_suffix(".mjs"), Path(__file__).resolve().parents[2] / "js" / "src"
 ASSETS_SHOWN = ("damaged_helmet", "vintage_fan", "cat_webp", "waterbottle_pbr", "chess_board", "clearcoat_blend")

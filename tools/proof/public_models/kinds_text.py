@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tools.proof.strangers import kinds_gltf as gltf
+from tools.proof.public_models import kinds_gltf as gltf
 
-from tools.proof.strangers.kinds_gltf import (  # isort: skip
+from tools.proof.public_models.kinds_gltf import (  # isort: skip
     COLOURS, FACES, NORMALS, POSITIONS, SIDE, UVS, Kind, Texture, base, bumps, coloured, glb, picture)
 
 QUADS = [[a, a + 1, a + SIDE + 1, a + SIDE] for row in range(SIDE - 1) for a in range(row * SIDE, row * SIDE + SIDE - 1)]

@@ -1,4 +1,4 @@
-"""Work in a child process with capped memory and time, for files from strangers.
+"""Work in a child process with capped memory and time, for files from unknown sources.
 
 The parent starts a module of the package with run_child(), which does its work in within_cap() and leaves its answer in a folder.
 """

@@ -205,7 +205,7 @@ class _Visit(BaseHTTPRequestHandler):
         self._answer(status, "text/plain; charset=utf-8", sentence.encode("ascii", "backslashreplace") + b"\n")
 
     def _place(self, needs_origin: bool) -> str:
-        """What is asked for, below the token. Raises Refused for strangers."""
+        """What is asked for, below the token. Raises Refused for other requests."""
         hosts = self.headers.get_all("Host") or []
         if len(hosts) != 1 or hosts[0].lower() not in [f"{name}:{self.server.view.port}" for name in NAMES]:
             raise Refused(421, "the host name is not allowed")

@@ -107,16 +107,17 @@ def _neural_arrays(texf, supports):
     tables = [evaluator for evaluator in texf.evaluators if isinstance(evaluator, Tables)]
     payload = tables[0].payload
     assert isinstance(payload, Payload)  # of a decoded stream
-    one, two = payload.levels
+    coarse, fine = payload.levels
     shape = payload.features, payload.hidden, payload.components, payload.octaves
-    if shape != (FEATURES, HIDDEN, OUTPUTS, 3) or one.table_log2 or not two.table_log2:
+    if shape != (FEATURES, HIDDEN, OUTPUTS, 3) or coarse.table_log2 or not fine.table_log2:
         raise ValueError(f"the kernels know another shape of network than {payload}")
     parts = [bricks_of(table.keys[0]) for table in tables]
     positions, exact = _known_points(supports, tables)
     return {
         "halves": payload.halves.astype(np.uint16), "codes": np.frombuffer(enc_codes(payload.codes), np.uint8),
         "first_wave": payload.first_wave, "salts": np.array([n * HASH_FIELD & 0xFFFFFFFF for n in range(len(tables))], np.uint32),
-        "levels": np.array([(level.resolution, level.table_log2, payload.first_row(0, n)) for n, level in enumerate((one, two))]),
+        "levels": np.array([(level.resolution, level.table_log2, payload.first_row(0, n))
+                            for n, level in enumerate((coarse, fine))]),
         "latent_bricks": np.concatenate([b for b, _ in parts]), "latent_words": np.concatenate([w for _, w in parts]),
         "latent_counts": np.array([(len(b), len(t.keys[0])) for (b, _), t in zip(parts, tables, strict=True)]),
         "points": positions, "exact": exact,

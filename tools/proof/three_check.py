@@ -117,11 +117,11 @@ def theirs(folder, name, views, size, averaged=1):
     return out
 
 
-def agreement(one, other):
+def agreement(first, other):
     """PSNR in dB of R, G and B together and of Y of two Shown, over the pixels of all views that both cover; the share of pixels
     covered by either that both cover; and the share that differs by more than 8 of 255."""
     error, either, far = ColourError(), 0, 0
-    for a, b, here, there in zip(one.images, other.images, one.covered, other.covered, strict=True):
+    for a, b, here, there in zip(first.images, other.images, first.covered, other.covered, strict=True):
         both = here & there
         either += int((here | there).sum())
         far += int((np.abs(a[both].astype(np.int16) - b[both]).max(axis=1) > 8).sum())
@@ -147,7 +147,7 @@ def draw_theirs(subjects, cameras, environment, args):
     job = {"root": str(work.resolve()), "size": args.size * args.averaged, "filter": "mipmaps" if args.mipmaps else "linear",
            "alike": args.alike, "flat": environment is None, "lights": told_lights(environment), "files": files,
            "sky": None if sky is None else {"width": SKY_SIZE[0], "height": SKY_SIZE[1], "file": "sky.f32"},
-           "cameras": {name: [told_camera(one) for one in views] for name, views in cameras.items()}}
+           "cameras": {name: [told_camera(camera) for camera in views] for name, views in cameras.items()}}
     (work / "job.json").write_text(json.dumps(job), encoding="utf-8")
     if subprocess.run(["node", PAGE, work.resolve() / "job.json", work.resolve()], cwd=modules, env=os.environ).returncode:
         raise SystemExit("the browser failed: no pictures")
@@ -156,13 +156,13 @@ def draw_theirs(subjects, cameras, environment, args):
 
 def coded(names, args):
     """{name: (source, decoded)} of assets; what stands in the folder already is not coded again."""
-    found = {name: (args.assets / f"{name}.glb", args.out / f"{name}.glb") for name in names}
-    for source, mesh in found.values():
+    paths = {name: (args.assets / f"{name}.glb", args.out / f"{name}.glb") for name in names}
+    for source, mesh in paths.values():
         stream = mesh.with_suffix(".texf")
         if not mesh.exists():
             for words in (["enc", "--quiet", "--rate", args.rate, source, stream], ["dec", "--quiet", stream, mesh]):
                 subprocess.run([sys.executable, "-m", f"texfcodec.cli.{words[0]}", *words[1:]], check=True)
-    return found
+    return paths
 
 
 def keep(folder, name, shown):
@@ -170,7 +170,7 @@ def keep(folder, name, shown):
     from PIL import Image
 
     folder.mkdir(parents=True, exist_ok=True)
-    for view, row in enumerate(zip(*(one.images for one in shown), strict=True)):
+    for view, row in enumerate(zip(*(picture.images for picture in shown), strict=True)):
         Image.fromarray(np.hstack(row)).save(folder / f"{name}-{view}.png")
 
 
@@ -180,16 +180,17 @@ def row_of(name, scenes, cameras, settings, args):
     there = [theirs(args.out / "three", f"{name}-{number}", args.views, args.size * args.averaged, args.averaged)
              for number in range(len(scenes))]
     if args.pictures:
-        keep(args.out / "pictures", name, [one for pair in zip(here, there, strict=True) for one in pair])
+        keep(args.out / "pictures", name, [shown for pair in zip(here, there, strict=True) for shown in pair])
     both = [agreement(*pair) for pair in zip(here, there, strict=True)]
     if len(scenes) == 2:
-        one, other = (agreement(*side)[1] for side in (here, there))
-        return [name, in_decibels(one), in_decibels(other), f"{other - one:+.2f}", *(in_decibels(y) for _, y, _, _ in both),
+        source_psnr, decoded_psnr = (agreement(*side)[1] for side in (here, there))
+        return [name, in_decibels(source_psnr), in_decibels(decoded_psnr), f"{decoded_psnr - source_psnr:+.2f}",
+                *(in_decibels(y) for _, y, _, _ in both),
                 f"{100 * both[0][2]:.1f} %"], both[0][0]
     ((rgb, y, covered, far),), more = both, []
     if args.samples:
         fine = ours(scenes[0], cameras_of(scenes[0], args.views, args.size * args.samples), settings, args.samples)
-        more = [in_decibels(agreement(fine, one)[0]) for one in (here[0], there[0])]
+        more = [in_decibels(agreement(fine, sampled)[0]) for sampled in (here[0], there[0])]
     return [name, in_decibels(rgb), in_decibels(y), f"{100 * covered:.2f} %", f"{100 * far:.2f} %", *more], rgb
 
 
@@ -229,10 +230,10 @@ def main(arguments=None):
     subjects |= {f"{n}-{pair[0].stem}": tuple(pair) for n, pair in enumerate(args.pair)}
     subjects |= coded(args.only or ASSETS_SHOWN, args) if args.assets else {}
     scenes = {name: [(decode if path.suffix == ".texf" else load)(path) for path in paths] for name, paths in subjects.items()}
-    cameras = {name: cameras_of(found[0], args.views, args.size * args.averaged) for name, found in scenes.items()}
+    cameras = {name: cameras_of(pair[0], args.views, args.size * args.averaged) for name, pair in scenes.items()}
     environment = light_of(args.light)
-    told, missed = draw_theirs(subjects, cameras, environment, args), False
-    print(f"three.js r{told['revision']}, {args.light}, alike: {' '.join(args.alike) or 'nothing'}, {args.views} views of "
+    answer, missed = draw_theirs(subjects, cameras, environment, args), False
+    print(f"three.js r{answer['revision']}, {args.light}, alike: {' '.join(args.alike) or 'nothing'}, {args.views} views of "
           f"{args.size}, {args.averaged} x {args.averaged} samples")
     fine = [f"ours to {args.samples} x {args.samples} samples", "three.js to them"] if args.samples else []
     streams = ["stream", "PSNR RGB", "PSNR Y", "covered by both", "far off", *fine]

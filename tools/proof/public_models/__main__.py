@@ -86,7 +86,7 @@ def _run(args):
     print(text)
     if args.page:
         kinds, ladders = (read_rows(file) if file else [] for file in (args.kinds, args.ladders))
-        args.page.write_text(page_of(rows, kinds, ladders, len({one.package["name"] for one in here})), encoding="utf-8")
+        args.page.write_text(page_of(rows, kinds, ladders, len({entry.package["name"] for entry in here})), encoding="utf-8")
     if args.before:
         print(changed(read_rows(args.before), rows))
     return EXIT_DIFFERS if is_short else 0

@@ -74,7 +74,7 @@ def run_kinds(form, kinds, args):
 def judged(row, control, picture):
     """The row of a kind. control, picture: what three.js shows of the expected file beside the one without, and the decoded."""
     exits, losses = [row[step]["exit"] for step in ("encode", "decode") if step in row], losses_of(row) if "decode" in row else []
-    shows, decoded = (math.nan if "error" in one else min(least_picture(one), 99.0) for one in (control, picture))
+    shows, decoded = (math.nan if "error" in drawn else min(least_picture(drawn), 99.0) for drawn in (control, picture))
     finite = lambda value: None if math.isnan(value) else round(value, 1)
     refused = "measure" not in row
     sound = decoded >= LEAST_PICTURE and not picture.get("size", 0.0) > SIZE_OFF

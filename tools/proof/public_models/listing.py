@@ -66,9 +66,9 @@ def entries_of(packages):
 def add_package(text, cache, packages, number=1, largest=LARGEST):
     """The package rows with another, or that one anew. text: KIND:NAME:VERSION:MOST, where MOST models at most are taken, spread
     evenly over formats and sizes; number: of the round; largest: bytes of a model."""
-    if not (found := re.fullmatch(r"(\w+):(.+?):(.+):(\d+)", text)):
+    if not (match := re.fullmatch(r"(\w+):(.+?):(.+):(\d+)", text)):
         raise SystemExit(f"--add takes KIND:NAME:VERSION:MOST, not {text!r}")
-    kind, name, version, most = found.groups()
+    kind, name, version, most = match.groups()
     package = {"kind": kind, "name": name, "version": version}
     try:
         archive = archive_of(package, cache)
@@ -137,15 +137,15 @@ def _names_in(data):
 
 def _named(path, there):
     """Files of a package whose names stand in a model, whatever our own reader makes of them. there: {name: [path]}."""
-    found, todo = set(), [path]
+    named, todo = set(), [path]
     while todo:
         file = todo.pop()
         if file.suffix.lower() in TEXTS:
             names = set(_names_in(file.read_bytes()[: TEXTS[file.suffix.lower()]]))
-            new = {near for name in names for near in there.get(name, []) if len(there[name]) <= 4} - found
-            found |= new
+            new = {near for name in names for near in there.get(name, []) if len(there[name]) <= 4} - named
+            named |= new
             todo += [near for near in new if near.suffix.lower() == ".mtl"]
-    return sorted(found)
+    return sorted(named)
 
 
 def _digest(data):

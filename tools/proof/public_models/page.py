@@ -122,10 +122,10 @@ def _ladders(ladders):
             models.setdefault(row["name"].split("@")[0], {})[row["flags"][1]] = row
     rates = sorted({rate for rungs in models.values() for rate in rungs})
     for name, rungs in sorted(models.items()):
-        found = [rungs[rate] for rate in rates if rate in rungs]
-        values = [row["encode"]["report"]["check"]["rgb"] for row in found]
+        measured = [rungs[rate] for rate in rates if rate in rungs]
+        values = [row["encode"]["report"]["check"]["rgb"] for row in measured]
         values = [math.inf if value is None else float(value) for value in values]
-        points = [(row["bytes"]["stream"], value) for row, value in zip(found, values, strict=True)]
+        points = [(row["bytes"]["stream"], value) for row, value in zip(measured, values, strict=True)]
         rises = all(b[1] >= a[1] - 0.1 for a, b in zip(points, points[1:], strict=False))
         body.append((_short(name), *(f"{size:,} {'exact' if value == math.inf else f'{value:.1f}'}" for size, value in points),
                      "yes" if rises else "**no**"))

@@ -108,7 +108,7 @@ def _check(console, other, export, choices, inputs):
 
 
 def _start(choices, other):
-    """How the page begins, JSON-ready; takes it out of the choices."""
+    """Take the page's first state out of the choices, JSON-ready."""
     camera, fov = choices.pop("camera"), choices.pop("perspective")
     look = {name: choices.pop(name) for name in _LOOK}
     look["mode"] = look["mode"] or ("single" if other is None else "split")
@@ -183,7 +183,7 @@ def _serve(console, shown, start, choices, limits, facts):
 
 
 def _open(address):
-    """Whether a browser with a window was started; one that runs in the terminal would take it over."""
+    """Return whether a browser with a window was started; one that runs in the terminal would take it over."""
     try:
         browser = webbrowser.get()
         return type(browser) is not webbrowser.GenericBrowser and browser.open(address)

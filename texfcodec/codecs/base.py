@@ -345,7 +345,7 @@ class Codec(ABC):
         yield f"{place}: {group['bytes']} bytes, {self.name}"
 
     def suits(self, plane: np.ndarray) -> bool:
-        """Whether the encoder should use this codec for a plane, whichever codec was requested.
+        """Return whether the encoder should use this codec for a plane, whichever codec was requested.
 
         Parameters
         ----------

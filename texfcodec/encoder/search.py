@@ -191,7 +191,7 @@ class _Line:
 
     @property
     def has_met(self) -> bool:
-        """Whether a trial met the target."""
+        """True if a trial met the target."""
         return any(excess <= 0 for _, excess in self.tried)
 
 

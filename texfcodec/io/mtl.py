@@ -62,7 +62,7 @@ class ObjMaterial:
 
     @property
     def has_image(self) -> bool:
-        """Whether its faces need UVs."""
+        """True if its faces need UVs."""
         return bool(self.texture or self.statements.maps)
 
 

@@ -116,7 +116,7 @@ def _put(material, channel, mtl_map, where, shelf):
 
 
 def _is_normal_map(image):
-    """Whether an image of `bump`, uint8 [H, W, 4], holds normals, as Blender writes, or heights."""
+    """Return whether an image of `bump`, uint8 [H, W, 4], holds normals, as Blender writes, or heights."""
     red, green, blue = image[..., :3].reshape(-1, 3).mean(axis=0)
     return bool(blue >= _BLUE and blue - max(red, green) >= _GREY)
 

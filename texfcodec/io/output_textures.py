@@ -109,7 +109,7 @@ def _packed_texture(image, wrap, packed, apart):
 
 
 def _of_atlas(texf, materials, skin, normal, arguments):
-    """As _of_texels(), for the atlas that all fields over voxels share."""
+    """Result of _of_texels() for the atlas that all fields over voxels share."""
     faces = _faces_of(texf, materials, skin)
     if not skin.has_base and not skin.packed:
         return [], np.zeros((len(faces), 3, 2)), []

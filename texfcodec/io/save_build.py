@@ -33,7 +33,7 @@ Images = list[tuple[ImageFormat, bytes]]
 
 @dataclass(frozen=True, kw_only=True)
 class SaveReport:
-    """What save() reports.
+    """Report of save().
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How a decoded stream is saved: choose() fills in what a request leaves open and refuses what cannot be had."""
+"""Choice of how a decoded stream is saved: choose() fills in what a request leaves open and refuses what cannot be had."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ class SaveOptions:
 
     @property
     def settles_images(self) -> bool:
-        """Whether the request has an option that only images have."""
+        """True if the request has an option that only images have."""
         return self.texture_size is not None or self.atlas != "auto" or self.texture_format != AUTO
 
 
 @dataclass(frozen=True, kw_only=True)
 class SaveChoice:
-    """How a stream is saved.
+    """Choice of how a stream is saved.
 
     Parameters
     ----------

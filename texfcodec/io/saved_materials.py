@@ -62,7 +62,7 @@ class SavedMaterials:
 
     @property
     def has_image(self) -> np.ndarray:
-        """Whether each face has an image, bool [F]."""
+        """Mask of the faces with an image, bool [F]."""
         return np.array([bool(saved.mapped) for saved in self.rows], bool)[self.face_row]
 
 
@@ -93,8 +93,8 @@ def saved_materials_of(texf: Texf, held: tuple[str, ...] | None = None, at_verti
 
 
 def _says_nothing(texf):
-    """Whether a normal map has no effect on a face, because its UVs give no tangent frame (spec 8.5.2), bool [F]. Viewers would
-    invent a frame, so that such faces are written without the map."""
+    """Return whether a normal map has no effect on a face, because its UVs give no tangent frame (spec 8.5.2), bool [F]. Viewers
+    would invent a frame, so that such faces are written without the map."""
     mapped = np.array([bool(NORMAL_MAPS & m.maps.keys()) for m in texf.materials], bool)
     over_texels = np.array([part.over_texels for part in texf.fields], bool)
     if not len(texf.faces) or not mapped.any() or not over_texels.any():
@@ -174,6 +174,6 @@ def _one_value(texf, skin, faces, name):
 
 
 def names_in(materials: SavedMaterials, names: Iterable[str]) -> bool:
-    """Whether any of the materials has an image of any of these channels."""
+    """Return whether any of the materials has an image of any of these channels."""
     wanted = set(names)
     return any(wanted & set(saved.mapped) for saved in materials.rows)

@@ -73,7 +73,7 @@ def _with(mesh, textures, into, factors):
 
 
 def _is_equal(first: Texture, other: Texture) -> bool:
-    """Whether two textures are equal in image, coding, wrap and filter."""
+    """Return whether two textures are equal in image, coding, wrap and filter."""
     return _kind(first) == _kind(other) and np.array_equal(first.image, other.image)
 
 
@@ -110,7 +110,7 @@ def _thumb(image):
 
 
 def _are_multiples(first, other, tolerance):
-    """Whether each channel of two linear images, float64 [H, W, 3], is a multiple of the other image's. tolerance: RMS in
+    """Return whether each channel of two linear images, float64 [H, W, 3], is a multiple of the other image's. tolerance: RMS in
     levels."""
     for c in range(3):
         bright, dark = sorted((first[..., c], other[..., c]), key=np.mean, reverse=True)

@@ -21,7 +21,7 @@ _COARSE = np.array([[1, 1, 1], [3, 0, 0], [0, 3, 0], [0, 0, 3], [1.5, 1.5, 0], [
 
 
 def vanishes(alphas: list[float]) -> bool:
-    """Whether some material is invisible and none is opaque, which nobody means. alphas: of a file's materials."""
+    """Return whether some material is invisible and none is opaque, which nobody means. alphas: of a file's materials."""
     return any(not alpha > 0 for alpha in alphas) and not any(alpha >= 1 for alpha in alphas)
 
 
@@ -52,7 +52,7 @@ def name_invisible(scene: Scene, notes: Notes) -> None:
 
 
 def _shows(scene, number):
-    """Whether any point on the faces of material `number` is visible."""
+    """Return whether any point on the faces of material `number` is visible."""
     material, faces = scene.materials[number], np.flatnonzero(scene.face_material == number)
     least = material.alpha_cutoff if material.alpha_mode == ALPHA_MASK else np.nextafter(0, 1)
     image = None if material.texture < 0 else scene.textures[material.texture].image[..., 3]

@@ -148,7 +148,7 @@ class KeptViews:
         self._pictures = [renderer(reference, settings)(camera) for camera in self._cameras]
 
     def compare(self, other: Scene | Texf, threads: int = 1) -> dict:
-        """As compare_views(), without SSIM and LPIPS.
+        """Compare the reference with another asset; see compare_views().
 
         Parameters
         ----------
@@ -301,7 +301,7 @@ def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, 
 
 
 def _has_alpha(scene):
-    """Whether any material uses alpha."""
+    """Return whether any material uses alpha."""
     return any(m.alpha_mode != ALPHA_OPAQUE for m in scene.materials)
 
 

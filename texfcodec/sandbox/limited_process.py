@@ -127,7 +127,7 @@ def cap_memory(size: int | None) -> bool:
 
 
 def is_memory(error: BaseException | None) -> bool:
-    """Whether lack of memory is the cause of an error, which libraries wrap in their own."""
+    """Return whether lack of memory is the cause of an error, which libraries wrap in their own."""
     while error is not None:
         if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
             return True

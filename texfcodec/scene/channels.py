@@ -267,7 +267,7 @@ def group_values(channels: Sequence[Channel], grey: bool = False) -> dict:
 
 
 def needs_alpha(materials: Iterable) -> bool:
-    """Whether a material in use reads alpha.
+    """Return whether a material in use reads alpha.
 
     Parameters
     ----------

@@ -60,7 +60,8 @@ class AtlasMaps:
         return sample
 
     def _normal_function(self, name):
-        """As _channel_function(), for x and y of normals in the atlas's tangent space, float32 [M, 2] in 0..255."""
+        """Function like that of _channel_function(), for x and y of normals in the atlas's tangent space, float32 [M, 2] in
+        0..255."""
         sample, normals, tangents = self._channel_function(name), self.normal, self._tangent
         assert normals is not None and tangents is not None, "a normal map needs the normals of its corners"
 

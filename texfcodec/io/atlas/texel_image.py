@@ -62,12 +62,12 @@ def _centres(count, shift):
 
 
 def _even_shifts(support):
-    """How often each side of the full image can be halved evenly, at most to the level at hand: (x, y)."""
+    """Number of times that each side of the full image can be halved evenly, at most to the level at hand: (x, y)."""
     return tuple(min(support.level_shift, (side & -side).bit_length() - 1) for side in (support.width, support.height))
 
 
 def _ends_evenly(texel, side, extent, wrap):
-    """Whether UVs along an axis can refer to an image of `extent` texels in place of `side`; see texel_image_and_uv()."""
+    """Return whether UVs along an axis can refer to an image of `extent` texels in place of `side`; see texel_image_and_uv()."""
     if extent == side:
         return True
     first = 0 if wrap == WRAP_CLAMP else np.floor(texel.min(axis=1) / side)
@@ -116,6 +116,6 @@ def _filled(texf, number, image, referenced):
 
 
 def _sees_alpha(texf, number):
-    """Whether every material of a field uses alpha."""
+    """Return whether every material of a field uses alpha."""
     modes = [texf.materials[i].alpha_mode for i in np.unique(texf.face_material[texf.face_field == number])]
     return ALPHA_OPAQUE not in modes

@@ -37,7 +37,7 @@ def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.
 
 def read_floats(document: Document, index: int, kinds: tuple[str, ...], normalized: bool | None = None,
                 rows: np.ndarray | None = None) -> np.ndarray:
-    """As read_accessor(), with integers scaled if normalized (section 3.6.2.2): float array [count, width].
+    """Array of read_accessor(), with integers scaled if normalized (section 3.6.2.2): float [count, width].
 
     normalized: overrides the accessor's property; rows: rows to read, None for all.
     """

@@ -37,7 +37,7 @@ class TextureInfo:
     transform: np.ndarray | None = None
 
     def same_uv(self, other: TextureInfo) -> bool:
-        """Whether both have the same UVs."""
+        """Return whether both have the same UVs."""
         if self.transform is None or other.transform is None:
             return self.texcoord == other.texcoord and self.transform is other.transform
         return self.texcoord == other.texcoord and bool(np.array_equal(self.transform, other.transform))
@@ -266,7 +266,7 @@ def extensions_of(entries: list[dict]) -> list[str]:
 
 
 def _write_place(out, extension):
-    """As _part_of(), for a dict under construction: absent objects are added."""
+    """Entry that _part_of() reads, in a dict under construction: absent objects are added."""
     if extension in ("", PBR):
         return out[PBR] if extension else out
     return out.setdefault("extensions", {}).setdefault(extension, {})

@@ -183,7 +183,7 @@ def _written_tangents(mesh):
 
 
 def _has_normal_map(mesh):
-    """Whether the material of each face has a normal map, bool [F]."""
+    """Return whether the material of each face has a normal map, bool [F]."""
     return np.array([bool(NORMAL_MAPS & images.keys()) for images in mesh.images], bool)[mesh.materials.face_row]
 
 
@@ -201,7 +201,7 @@ def _written_normals(texf, mesh):
 
 
 def _are_of_faces(texf, normal, chosen):
-    """Whether the normals of corners equal those of their faces, for faces with area. chosen: bool [F], the faces."""
+    """Return whether the normals of corners equal those of their faces, for faces with area. chosen: bool [F], the faces."""
     a, b, c = (texf.lattice_positions[texf.faces[chosen, k]].astype(np.float64) for k in range(3))
     across = np.cross(b - a, c - a)
     length = np.linalg.norm(across, axis=1)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from texfcodec.encoder.values.shown_maps import SAME_FRAME, turn_of
+from texfcodec.encoder.values.shown_maps import SAME_FRAME, frame_rotation
 from texfcodec.geometry.draco import COMPRESSION_LEVEL
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
@@ -89,7 +89,7 @@ def upright(scene):
         for name, texture in material.maps.items():
             if BY_NAME[name].unit == "degrees":
                 users.setdefault(texture, set()).add(number)
-    turns = {n: turn_of(scene, surface, np.flatnonzero(surface.material == n)) for n in set().union(*users.values(), ())}
+    turns = {n: frame_rotation(scene, surface, np.flatnonzero(surface.material == n)) for n in set().union(*users.values(), ())}
     over = {n for n, turn in turns.items() if turn is not None and np.abs(turn - np.diag([1, -1])).max() <= SAME_FRAME}
     own = [t for t, numbers in users.items() if numbers <= over]
     if not own or any(numbers & over and not numbers <= over for numbers in users.values()):

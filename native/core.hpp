@@ -116,9 +116,9 @@ class RangeDecoder {
   int bypass() { return split(range_ >> 1); }
   template <int most = 3>
   int bit(Context& context) {
-    int found = likely(clip(24, 65512, (context.fast + context.slow) >> 7));
-    context.adapt<most>(found);
-    return found;
+    int bit_read = likely(clip(24, 65512, (context.fast + context.slow) >> 7));
+    context.adapt<most>(bit_read);
+    return bit_read;
   }
   u32 rest() {  // of 7.5.4
     int bits = 0;

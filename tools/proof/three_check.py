@@ -85,13 +85,13 @@ def cameras_of(scene, views, size):
     return [orthographic(fibonacci_direction(i, views), centre, radius, size) for i in range(views)]
 
 
-def told_camera(camera):
+def camera_json(camera):
     """A Camera as three_check.mjs takes it."""
     axes = {name: getattr(camera, name).tolist() for name in ("right", "up", "forward", "eye")}
     return axes | {"half": camera.half, "depth": camera.half}
 
 
-def told_lights(environment):
+def lights_json(environment):
     """Lights of an Environment as three_check.mjs takes them; three.js, too, counts irradiance."""
     lights = environment.lights if environment else ()
     return [{"direction": light.direction.tolist(), "colour": light.irradiance.tolist()} for light in lights]
@@ -131,7 +131,7 @@ def agreement(first, other):
 
 
 def draw_theirs(subjects, cameras, environment, args):
-    """Draws the files of subjects {name: [path]} with three.js into args.out / "three"; returns what three_check.mjs told."""
+    """Draws the files of subjects {name: [path]} with three.js into args.out / "three"; returns what three_check.mjs reports."""
     modules = args.modules or node_modules(args.out)
     if modules is None or not shutil.which("node"):
         raise SystemExit("three.js cannot be had: node or npm is missing")
@@ -145,13 +145,13 @@ def draw_theirs(subjects, cameras, environment, args):
     if sky is not None:
         sky.tofile(work / "sky.f32")
     job = {"root": str(work.resolve()), "size": args.size * args.averaged, "filter": "mipmaps" if args.mipmaps else "linear",
-           "alike": args.alike, "flat": environment is None, "lights": told_lights(environment), "files": files,
+           "alike": args.alike, "flat": environment is None, "lights": lights_json(environment), "files": files,
            "sky": None if sky is None else {"width": SKY_SIZE[0], "height": SKY_SIZE[1], "file": "sky.f32"},
-           "cameras": {name: [told_camera(camera) for camera in views] for name, views in cameras.items()}}
+           "cameras": {name: [camera_json(camera) for camera in views] for name, views in cameras.items()}}
     (work / "job.json").write_text(json.dumps(job), encoding="utf-8")
     if subprocess.run(["node", PAGE, work.resolve() / "job.json", work.resolve()], cwd=modules, env=os.environ).returncode:
         raise SystemExit("the browser failed: no pictures")
-    return json.loads((work / "told.json").read_text(encoding="utf-8"))
+    return json.loads((work / "facts.json").read_text(encoding="utf-8"))
 
 
 def coded(names, args):

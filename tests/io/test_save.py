@@ -22,7 +22,7 @@ from texfcodec.io.output_files import as_input_error
 from texfcodec.io.own_files import own_sides
 from texfcodec.io.save import save
 from texfcodec.io.vertex_appearance import linear_u16
-from texfcodec.io.vertex_colours import fit_vertex_colours
+from texfcodec.io.vertex_colour_fit import fit_vertex_colours
 from texfcodec.scene.scene import Material
 
 # GLB and glTF.

@@ -177,7 +177,7 @@ def _obj(texf: Texf, path: Path, choice: SaveChoice, report: SaveReport) -> tupl
 
 def _ply(texf: Texf, path: Path, choice: SaveChoice, report: SaveReport) -> tuple[Files, SaveReport]:
     from .ply import write_ply_points, write_ply_surface
-    from .vertex_colours import NO_LESS, psnr_at_vertices
+    from .vertex_colour_fit import NO_LESS, psnr_at_vertices
 
     report = _name_losses(texf, report, "PLY", choice.appearance, IN_COLOURS)
     if choice.appearance == "voxels":

@@ -15,7 +15,7 @@ from ..scene.factors import absorb
 from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material
 from ..scene.srgb import srgb_to_linear
 from .atlas.packed_images import packed_images_of
-from .vertex_colours import VertexColours, fit_vertex_colours
+from .vertex_colour_fit import VertexColours, fit_vertex_colours
 
 if TYPE_CHECKING:
     from ..texf import Texf

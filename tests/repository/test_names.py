@@ -39,7 +39,8 @@ def modules_not_there(tree, modules):
 
 
 SOURCES = {path.relative_to(PACKAGE).as_posix(): path for path in sorted(PACKAGE.rglob("*.py"))}
-TOOLS = {path.relative_to(REPOSITORY).as_posix(): path for path in sorted((REPOSITORY / "tools").rglob("*.py"))}
+TOOLS = {path.relative_to(REPOSITORY).as_posix(): path for folder in ("tools", "conformance/make")
+         for path in sorted((REPOSITORY / folder).rglob("*.py"))}
 
 
 @pytest.fixture(scope="module")

@@ -83,9 +83,9 @@ def answers(texf, queries):
     out = [np.full((len(queries), group.components), np.nan) for group in texf.groups]
     for i, part in enumerate(texf.fields):
         if part.over_texels:
-            mine = np.flatnonzero(texf.face_field == i)[np.lexsort(_uv_rows(texf.units, i).T[::-1])]
+            own = np.flatnonzero(texf.face_field == i)[np.lexsort(_uv_rows(texf.units, i).T[::-1])]
             named = (field == i) & ~unknown
-            face[named] = mine[queries["triangle"][named]]
+            face[named] = own[queries["triangle"][named]]
         chosen, known = np.flatnonzero(field == i), [c.name for c in texf.channels if c.name in part.planes]
         planes = texf.query_planes(i, known, queries["point"][chosen], face[chosen]) if len(chosen) else {}
         for g, group in enumerate(texf.groups):

@@ -37,9 +37,9 @@ class CommandDecoder:
         with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as apart:
             call = [*self.command, str(stream), folder, *(["--lod", str(lod)] if lod else [])]
             if queries:
-                asked = Path(apart) / "queries.bin"
-                asked.write_bytes(queries)
-                call += ["--queries", str(asked)]
+                query_file = Path(apart) / "queries.bin"
+                query_file.write_bytes(queries)
+                call += ["--queries", str(query_file)]
             try:
                 run = subprocess.run(call, capture_output=True, text=True, errors="replace", timeout=self.seconds, check=False)
             except subprocess.TimeoutExpired:
@@ -81,16 +81,16 @@ def faults_of(decoder, folder):
     case = json.loads((folder / "case.json").read_text(encoding="utf-8"))
     if "expect" in case:
         return _faults_of_refusal(decoder, folder / "in.texf", case)
-    told, faults = queries_of(folder), []
+    expected, faults = queries_of(folder), []
     for lod, arrays in case["lods"].items():
-        asked = told["lods"].get(lod, []) if decoder.asks else []
-        exit_code, files, said = decoder(folder / "in.texf", int(lod), packed(asked))
+        queries = expected["lods"].get(lod, []) if decoder.asks else []
+        exit_code, files, said = decoder(folder / "in.texf", int(lod), packed(queries))
         if exit_code != 0:
             faults.append(f"lod {lod}: exit code {exit_code}: {said}")
             continue
-        answers = {name: files.pop(name, b"") for name in [name for name in files if asked and name.endswith("_answers.bin")]}
-        found = _faults_of_arrays(files, arrays) + (faults_of_answers(answers, asked, told) if asked else [])
-        faults += [f"lod {lod}: {fault}" for fault in found]
+        answers = {name: files.pop(name, b"") for name in [name for name in files if queries and name.endswith("_answers.bin")]}
+        sentences = _faults_of_arrays(files, arrays) + (faults_of_answers(answers, queries, expected) if queries else [])
+        faults += [f"lod {lod}: {fault}" for fault in sentences]
     return faults
 
 
@@ -126,16 +126,16 @@ def packed(queries):
     return b"".join(struct.pack("<2q3d", q["field"], q["triangle"], *map(float.fromhex, q["point"])) for q in queries)
 
 
-def faults_of_answers(files, queries, told):
+def faults_of_answers(files, queries, expected):
     """One sentence for the first query whose answers are none of those that are right, and for files of a wrong size."""
     columns = []
-    for group, count in enumerate(told["components"]):
+    for group, count in enumerate(expected["components"]):
         content = files.get(f"group{group}_answers.bin", b"")
         if len(content) != 8 * count * len(queries):
             return [f"group{group}_answers.bin has {len(content)} bytes, not {8 * count * len(queries)}"]
         columns.append(list(struct.iter_unpack(f"<{count}d", content)))
     answers = [[number for part in parts for number in part] for parts in zip(*columns, strict=True)]
-    wrong = [n for n, answer in enumerate(answers) if not _is_one_of(answer, queries[n]["answers"], told["tolerance"])]
+    wrong = [n for n, answer in enumerate(answers) if not _is_one_of(answer, queries[n]["answers"], expected["tolerance"])]
     if not wrong:
         return []
     first = queries[wrong[0]]
@@ -145,7 +145,7 @@ def faults_of_answers(files, queries, told):
 
 def _is_one_of(answer, right, tolerance):
     """Whether all components that are asked are right at once. right: lists of components, None for those that are not asked."""
-    return any(all(v is None or abs(a - v) <= tolerance for a, v in zip(answer, one, strict=True)) for one in right)
+    return any(all(v is None or abs(a - v) <= tolerance for a, v in zip(answer, expected, strict=True)) for expected in right)
 
 
 def cases(wanted, home=HERE):

@@ -116,9 +116,9 @@ class RangeDecoder {
   int bypass() { return split(range_ >> 1); }
   template <int most = 3>
   int bit(Context& context) {
-    int found = likely(clip(24, 65512, (context.fast + context.slow) >> 7));
-    context.adapt<most>(found);
-    return found;
+    int bit_read = likely(clip(24, 65512, (context.fast + context.slow) >> 7));
+    context.adapt<most>(bit_read);
+    return bit_read;
   }
   u32 rest() {  // of 7.5.4
     int bits = 0;
@@ -255,7 +255,7 @@ std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_l
 // ---- surface.cpp
 void count_samples(Asset& asset);                                                           // 10.1
 std::vector<u64> active_voxels(const Asset& asset, size_t field, int resolution, int threshold);  // 6.1 to 6.4
-std::vector<u64> asked_texels(const Asset& asset, size_t field);                            // 6.5
+std::vector<u64> referenced_texels(const Asset& asset, size_t field);                            // 6.5
 void decode_marks(Asset& asset);                                                            // 8.4.2
 void decode_normals(Asset& asset);                                                          // 8.4.3, 8.4.4
 std::vector<std::vector<float>> shading_normals(const Asset& asset);                        // 8.4.1, of every unit's corners

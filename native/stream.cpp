@@ -681,7 +681,7 @@ void decode_fields(Asset& asset) {
       next = end;
       continue;
     }
-    field.keys = field.planar ? asked_texels(asset, i) : active_voxels(asset, i, field.resolution, field.area_threshold);
+    field.keys = field.planar ? referenced_texels(asset, i) : active_voxels(asset, i, field.resolution, field.area_threshold);
     require_equal(field.keys.size(), field.num_keys, S30, "num_keys does not match");
     require(crc32(field.keys.data(), 8 * field.keys.size()) == field.keys_crc, S30, "keys_crc does not match");
     std::shared_ptr<Octree> octree;  // of groups with the same level_shift, one after the other

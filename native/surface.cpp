@@ -147,25 +147,25 @@ u64 samples_of_voxels(const Asset& asset, const GeometryUnit& unit, int resoluti
 // ---- 6.5. Lengths are doubled, in 2 * one a texel, so that the borders of places are whole numbers.
 
 struct Triangle {
-  i64 u[3], v[3], one;
-  Triangle(const GeometryUnit& unit, size_t face, int fraction_bits) : one(1ll << fraction_bits) {
+  i64 u[3], v[3], texel;
+  Triangle(const GeometryUnit& unit, size_t face, int fraction_bits) : texel(1ll << fraction_bits) {
     for (int i = 0; i < 3; i++) {
       u[i] = 2 * i64(unit.uv[2 * size_t(unit.corner[3 * face + i])]);
       v[i] = 2 * i64(unit.uv[2 * size_t(unit.corner[3 * face + i]) + 1]);
     }
   }
-  i64 first_row() const { return floor_div(*std::min_element(v, v + 3) - 3 * one, 2 * one) + 1; }
-  i64 last_row() const { return floor_div(*std::max_element(v, v + 3) + one - 1, 2 * one); }
+  i64 first_row() const { return floor_div(*std::min_element(v, v + 3) - 3 * texel, 2 * texel) + 1; }
+  i64 last_row() const { return floor_div(*std::max_element(v, v + 3) + texel - 1, 2 * texel); }
 
   // The places of row j from `first` to `last`: the triangle's part between the borders of the row's squares reaches from one u to
   // another, and these are at corners or where edges cross a border.
   void run(i64 j, i64& first, i64& last) const {
-    i64 low = (2 * j - 1) * one, high = (2 * j + 3) * one;
+    i64 low = (2 * j - 1) * texel, high = (2 * j + 3) * texel;
     first = INT64_MAX;
     last = INT64_MIN;
     auto meet = [&](i64 a, i64 b) {  // u = a / b
-      first = std::min(first, floor_div(a - 3 * one * b, 2 * one * b) + 1);
-      last = std::max(last, floor_div(a + one * b - 1, 2 * one * b));
+      first = std::min(first, floor_div(a - 3 * texel * b, 2 * texel * b) + 1);
+      last = std::max(last, floor_div(a + texel * b - 1, 2 * texel * b));
     };
     for (int i = 0; i < 3; i++) {
       if (v[i] >= low && v[i] <= high) meet(u[i], 1);
@@ -247,7 +247,7 @@ std::vector<u64> active_voxels(const Asset& asset, size_t field, int resolution,
   return weights.keys(i64(threshold) << 24);
 }
 
-std::vector<u64> asked_texels(const Asset& asset, size_t index) {
+std::vector<u64> referenced_texels(const Asset& asset, size_t index) {
   const Field& field = asset.fields[index];
   Image image(field.width, field.height);
   for (const GeometryUnit& unit : asset.units)
@@ -571,9 +571,9 @@ std::vector<std::vector<float>> shading_normals(const Asset& asset) {
   for (size_t first = 0; first < asset.materials.size(); first++) {  // all materials of one rule at once
     if (done[first]) continue;
     int rule = asset.materials[first].normal_rule, angle = asset.materials[first].normal_angle;
-    std::vector<bool> mine(asset.materials.size(), false);
-    for (size_t m = first; m < mine.size(); m++)
-      if (asset.materials[m].normal_rule == rule && asset.materials[m].normal_angle == angle) mine[m] = done[m] = true;
+    std::vector<bool> chosen(asset.materials.size(), false);
+    for (size_t m = first; m < chosen.size(); m++)
+      if (asset.materials[m].normal_rule == rule && asset.materials[m].normal_angle == angle) chosen[m] = done[m] = true;
     std::vector<u32> above = alone(found.size());
     double least = std::cos(angle * 0.017453292519943295) - 1e-12;
     if (rule < 6 && angle > 0)
@@ -593,7 +593,7 @@ std::vector<std::vector<float>> shading_normals(const Asset& asset) {
       for (int k = 0; k < 3; k++) sum[root][k] += weight * normal[corner / 3][k];
     }
     for (size_t corner = 0; corner < found.size(); corner++) {
-      if (!mine[corners.material[corner / 3]]) continue;
+      if (!chosen[corners.material[corner / 3]]) continue;
       Real n = rule == 6 || angle == 0 ? normal[corner / 3] : sum[root_of(above, u32(corner))];
       if (rule == 6 && group[corner] != NO_GROUP)
         for (int k = 0; k < 3; k++) n[k] = asset.normals[3 * size_t(group[corner]) + k];

@@ -103,9 +103,9 @@ Real nearest_on_face(const Point3& p, const Point3 corner[3], Real weight[3]) {
   return best;
 }
 
-class Asked {
+class Answers {
  public:
-  explicit Asked(const Asset& asset) : asset_(asset) {
+  explicit Answers(const Asset& asset) : asset_(asset) {
     for (size_t i = 0; i < asset.fields.size(); i++) faces_.push_back(rows_of(asset, asset.fields[i].planar ? 5 : 3, i64(i)));
     if (asset.attributes.size() == 1 && asset.attributes[0].codec == NEURAL) network_ = std::make_unique<Network>(asset.attributes[0]);
   }
@@ -138,14 +138,14 @@ class Asked {
     size_t output = 0;
     for (size_t g = 0; g < asset_.groups.size(); g++) {
       int count = asset_.groups[g].components;
-      std::vector<double> one(count, NAN);
+      std::vector<double> group_values(count, NAN);
       if (network_)
-        for (double& v : one) v = of_network[output++] / 256.0;
+        for (double& v : group_values) v = of_network[output++] / 256.0;
       else if (!asset_.values[field][g].empty() && asset_.fields[field].planar)
-        of_texels(lattice, size_t(field), g, size_t(triangle), one);
+        of_texels(lattice, size_t(field), g, size_t(triangle), group_values);
       else if (!asset_.values[field][g].empty())
-        of_voxels(lattice, size_t(field), g, one);
-      out.push_back(one);
+        of_voxels(lattice, size_t(field), g, group_values);
+      out.push_back(group_values);
     }
     return out;
   }
@@ -164,9 +164,9 @@ class Asked {
     return std::max(asset_.levels_left_out(field), int(asset_.level_shift[field * asset_.groups.size() + group]));
   }
   const std::vector<u64>& cells(size_t field, int level) {
-    auto& found = cells_[{field, level}];
-    if (found.empty()) found = asset_.cells(field, level);
-    return found;
+    auto& kept = cells_[{field, level}];
+    if (kept.empty()) kept = asset_.cells(field, level);
+    return kept;
   }
   const u8* value_at(size_t field, size_t group, u64 key) {
     const auto& keys = cells(field, level(field, group));
@@ -273,14 +273,14 @@ void write_arrays(texf_asset& asset, const std::string& folder) {
   if (asset.has_normals) write_file(folder, "coded_normals", asset.normals.data(), 2 * asset.normals.size());
 }
 
-void write_answers(const Asset& asset, const std::string& folder, const std::vector<u8>& asked) {
-  Asked who(asset);
+void write_answers(const Asset& asset, const std::string& folder, const std::vector<u8>& query_data) {
+  Answers source(asset);
   std::vector<std::vector<double>> answers(asset.groups.size());
-  for (size_t at = 0; at + 40 <= asked.size(); at += 40) {
+  for (size_t at = 0; at + 40 <= query_data.size(); at += 40) {
     Query query;
-    memcpy(&query, &asked[at], 40);
-    auto found = who.answer(query);
-    for (size_t g = 0; g < found.size(); g++) answers[g].insert(answers[g].end(), found[g].begin(), found[g].end());
+    memcpy(&query, &query_data[at], 40);
+    auto values = source.answer(query);
+    for (size_t g = 0; g < values.size(); g++) answers[g].insert(answers[g].end(), values[g].begin(), values[g].end());
   }
   for (size_t g = 0; g < answers.size(); g++) write_file(folder, "group" + std::to_string(g) + "_answers", answers[g].data(), 8 * answers[g].size());
 }
@@ -301,8 +301,8 @@ int main(int argc, char** argv) {
     fprintf(stderr, "usage: texf_dec IN.texf [OUT_DIR] [--lod L] [--queries FILE]\n");
     return 1;
   }
-  std::vector<u8> data, asked;
-  if (!read_file(paths[0], data) || (queries && !read_file(queries, asked))) {
+  std::vector<u8> data, query_data;
+  if (!read_file(paths[0], data) || (queries && !read_file(queries, query_data))) {
     fprintf(stderr, "%s: cannot be read\n", queries && !data.empty() ? queries : paths[0]);
     return 2;
   }
@@ -316,7 +316,7 @@ int main(int argc, char** argv) {
   if (count == 2) {
     mkdir(paths[1], 0777);
     write_arrays(*asset, paths[1]);
-    if (queries) write_answers(*asset, paths[1], asked);
+    if (queries) write_answers(*asset, paths[1], query_data);
   } else {
     size_t bytes;
     const void* text = texf_array(asset, TEXF_DESCRIPTION, 0, 0, &bytes);

@@ -657,13 +657,13 @@ class Raht {
   }
   void expect(const Block& block, Plane& p, int c, int n) const {
     if (p.expected[c][n] >= 0) return;
-    i64 found = slope(block, c, n);
+    i64 steepness = slope(block, c, n);
     if (unit_.planar_transform && n > 2 && block.is_split(3) && block.is_split(4)) {
       i64 s3 = slope(block, c, 3), s4 = slope(block, c, 4);
-      found = (181 * (n == 3 ? s4 + s3 : s4 - s3)) >> 8;
+      steepness = (181 * (n == 3 ? s4 + s3 : s4 - s3)) >> 8;
     }
-    p.expected[c][n] = fine(sixteenths(found, c));
-    p.down[c][n] = found < 0;
+    p.expected[c][n] = fine(sixteenths(steepness, c));
+    p.down[c][n] = steepness < 0;
   }
 
   struct Beside {  // 7.11.2: q of the nodes around a block, by component
@@ -780,14 +780,14 @@ class Raht {
         }
         if ((at.left > 0 || some) && !zero_bit(block, p, at)) continue;
         int negative = sign_bit(block, p, at);
-        i64 found = 1;
+        i64 magnitude = 1;
         u32 i = 0;
-        for (; i < 15 && more_bit(p, at, i); i++) found++;
-        if (i == 15) found += i64(state_->decoder.rest()) - 1;
-        block.q[c][n] = i32(negative ? -found : found);
+        for (; i < 15 && more_bit(p, at, i); i++) magnitude++;
+        if (i == 15) magnitude += i64(state_->decoder.rest()) - 1;
+        block.q[c][n] = i32(negative ? -magnitude : magnitude);
         some = true;
         at.ones++;
-        at.large += found > 1;
+        at.large += magnitude > 1;
       }
     }
   }
@@ -1122,15 +1122,15 @@ class Raht {
     u32 sign_numbers[4] = {(c * 64 + place) * 9 + signs, ((c * 13 + from_w) * 13 + from_n) * 4 + kind, (c * 64 + place) * 9 + lead,
                            (c * 64 + place) * 13 + (u <= v ? from_w : from_n)};
     int negative = mixer.bit<4>(state_->decoder, SIGN, sign_numbers, 429 + c * 64 + place, 729 + (c * 12 + expected) * 4 + kind, 429 + c * 64 + place);
-    i64 found = 1;
+    i64 magnitude = 1;
     u32 i = 0, about = fine(*left), diagonal = fine(u + v);
-    for (; i < 15; i++, found++) {
+    for (; i < 15; i++, magnitude++) {
       u32 numbers[5] = {(c * 15 + i) * 64 + place, ((c * 15 + i) * 12 + size) * 12 + alike, ((c * 15 + i) * 12 + expected) * 12 + diagonal,
                         ((c * 15 + i) * 12 + about) * 4 + l3, ((c * 15 + i) * 12 + alike) * 12 + expected};
       if (!mixer.bit<5>(state_->decoder, MORE, numbers, 384 + c * 15 + i, 693 + c * 12 + size, 384 + c * 15 + i)) break;
     }
-    if (i == 15) found += i64(state_->decoder.rest()) - 1;
-    return negative ? -found : found;
+    if (i == 15) magnitude += i64(state_->decoder.rest()) - 1;
+    return negative ? -magnitude : magnitude;
   }
 
   const AttributeUnit& unit_;
@@ -1183,9 +1183,9 @@ i32 hard_gelu(i32 v) {
 Network::Network(const AttributeUnit& unit) : unit_(unit), widths_(unit.widths) {
   const u8* at = unit.network.data;
   auto next = [&] {
-    i32 found = fixed_point(at[0] | at[1] << 8);
+    i32 weight = fixed_point(at[0] | at[1] << 8);
     at += 2;
-    return found;
+    return weight;
   };
   for (size_t n = 0; n + 1 < widths_.size(); n++) {
     weights_.emplace_back(size_t(widths_[n]) * widths_[n + 1]);
@@ -1233,8 +1233,8 @@ i64 Network::row_of(size_t l, size_t field, const i64 at[3]) const {  // 11.3, -
     if (at[axis] < 0 || at[axis] >= level.resolution) return -1;
   const std::vector<u64>& keys = level.keys[field];
   u64 key = morton_key(at[0], at[1], at[2]);
-  auto found = std::lower_bound(keys.begin(), keys.end(), key);
-  return found == keys.end() || *found != key ? -1 : i64(first_row_[l][field]) + (found - keys.begin());
+  auto place = std::lower_bound(keys.begin(), keys.end(), key);
+  return place == keys.end() || *place != key ? -1 : i64(first_row_[l][field]) + (place - keys.begin());
 }
 
 std::vector<u8> Network::packed_rows() const {

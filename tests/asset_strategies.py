@@ -39,7 +39,7 @@ class Part:
     seed: int
 
     @property
-    def is_plain(self) -> bool:
+    def is_uniform(self) -> bool:
         """Whether it has one colour all over, which is seen."""
         return self.kind in FLAT_KINDS and self.mode == "OPAQUE"
 

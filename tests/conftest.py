@@ -74,7 +74,7 @@ def sample_scene():
 
 @pytest.fixture
 def install(tmp_path, monkeypatch):
-    """Puts plug-ins on the path as their packages would: install(points, folder="strangers", module=text, ...)."""
+    """Puts plug-ins on the path as their packages would: install(points, folder="plugins", module=text, ...)."""
     from texfcodec import codecs
 
     before = set(sys.modules)
@@ -87,7 +87,7 @@ def install(tmp_path, monkeypatch):
             if str(tmp_path) in str(getattr(sys.modules[name], "__file__", "")):
                 del sys.modules[name]
 
-    def put(points, folder="strangers", **modules):
+    def put(points, folder="plugins", **modules):
         monkeypatch.syspath_prepend(str(write_plugin(tmp_path / folder, points, **modules)))
         forget()
 

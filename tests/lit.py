@@ -5,7 +5,7 @@ import numpy as np
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.material import shade
 from texfcodec.render.material_effects import ShadingTable
-from texfcodec.render.surface import Points
+from texfcodec.render.shading_points import ShadingPoints
 from texfcodec.scene.scene import Material
 
 COUNT = 300
@@ -37,4 +37,4 @@ def lit(environment=DAYLIGHT, channels=None, base=(0.7, 0.5, 0.3), seen=None, un
     fill = lambda value: np.broadcast_to(np.asarray(value, np.float32), (len(n), np.shape(value)[-1]))
     values = {name: fill(value) for name, value in {"base_colour": base, **(channels or {})}.items()}
     table = table_of(parameters, channels or (), unlit)
-    return shade(Points(material=np.zeros(len(n), np.int64), normal=n, view=v, values=values), table, environment)
+    return shade(ShadingPoints(material=np.zeros(len(n), np.int64), normal=n, view=v, values=values), table, environment)

@@ -1,4 +1,4 @@
-"""Packages of strangers with codecs of their own, written where a test asks for them: modules, and a real entry_points.txt."""
+"""Packages of others with codecs of their own, written where a test asks for them: modules, and a real entry_points.txt."""
 
 from shapes import crossing_sheets
 

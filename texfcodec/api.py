@@ -340,7 +340,7 @@ def decode(stream: Stream, options: DecodeOptions | Mapping[str, Any] | None = N
 
     Notes
     -----
-    For files from strangers use DecodeOptions(isolate=True) and lower limits. Decoded values are the same on every machine.
+    For files from unknown sources use DecodeOptions(isolate=True) and lower limits. Decoded values are the same on every machine.
     """
     options, report = options_of(DecodeOptions, options), report or Report()
     data = _bytes_of(stream, options.limits)

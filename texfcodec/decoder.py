@@ -15,7 +15,7 @@ from .codecs import joint_codec_of_unit, plane_codec_of_unit
 from .codecs.base import Codec, Group, split_groups
 from .errors import LimitError, StreamError
 from .field.keyed import keys_crc
-from .field.texel_set import asked_texels, count_rows
+from .field.texel_set import count_rows, referenced_texels
 from .field.texels import TexelSupport
 from .field.voxelise import count_samples, voxelise
 from .field.voxels import VoxelSupport
@@ -349,7 +349,7 @@ def _decode_voxels(surface, values, position_bits, options):
 
 def _decode_texels(surface, values, position_bits, options):
     size, wrap = (values["width"], values["height"]), (values["wrap_s"], values["wrap_t"])
-    keys = asked_texels(surface.uv, surface.mesh.faces, values["uv_fraction_bits"], size, wrap, options.limits.voxels)
+    keys = referenced_texels(surface.uv, surface.mesh.faces, values["uv_fraction_bits"], size, wrap, options.limits.voxels)
     return TexelSupport(keys=keys, width=size[0], height=size[1], wrap=wrap, fraction_bits=values["uv_fraction_bits"])
 
 

@@ -52,7 +52,7 @@ class Finding:
         return self.told_exit if self.family is None else self.family.exit_code
 
     def covers(self, clause: str) -> bool:
-        """Whether a clause such as "5.7.1" is one of the finding's, or below one of them."""
+        """Return whether a clause such as "5.7.1" is one of the finding's, or below one of them."""
         return any(clause == own or clause.startswith(own + ".") for own in self.clauses)
 
 

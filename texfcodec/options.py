@@ -243,6 +243,8 @@ class EncodeOptions:
         keep_mesh sends the source's faces, each vertex rounded to the lattice. Else the encoder may send a mesh of fewer faces or
         position bits if pictures show no more of it than coding costs anyway, and resolution, position_bits, max_error and
         exact_rate leave that free.
+    keep_animations : bool
+        Of encode_gltf(): keep every keyframe. Otherwise those are left out that interpolation gives within 1e-4.
     chroma_qp_offset : int, optional
         Added to the QP of both chroma components; None: -1 over voxels, 2 over texels.
     area_threshold : int
@@ -377,18 +379,18 @@ class EncodeOptions:
 
     @property
     def rate_is_free(self) -> bool:
-        """Whether the encoder may choose K and supports."""
+        """True if the encoder may choose K and supports."""
         return self.given["resolution"] is None and not self.exact_rate and self.given["max_error"] is None \
             and not self.given["lossless"]
 
     @property
     def mesh_is_free(self) -> bool:
-        """Whether the encoder may choose a mesh of fewer faces or of fewer position bits."""
+        """True if the encoder may choose a mesh of fewer faces or of fewer position bits."""
         return self.rate_is_free and self.position_bits_are_free and not self.keep_mesh
 
     @property
     def position_bits_are_free(self) -> bool:
-        """Whether the encoder may choose more position bits than usual."""
+        """True if the encoder may choose more position bits than usual."""
         return self.given["position_bits"] is None
 
     def _refuse_strange(self, codec):
@@ -423,12 +425,12 @@ class EncodeOptions:
 
     @property
     def may_choose_texels(self) -> bool:
-        """Whether these options allow fields over texels."""
+        """True if these options allow fields over texels."""
         return not codec_of(self.codec).joint and (self.support == "texels" or (self.support == "auto" and self.rate_is_free))
 
     @property
     def may_fit(self) -> bool:
-        """Whether a surface fit may follow the transfer."""
+        """True if a surface fit may follow the transfer."""
         return self.max_error is None and (self.refine in ("fit", "render") or (self.refine == "auto" and self.effort != "fast"))
 
 

@@ -143,7 +143,7 @@ def small_scene() -> Scene:
 
 
 STAGES = {"encode": Stage(compile_encoding), "decode": Stage(compile_decoding),
-          "save": Stage(compile_saving, ("io/atlas/gutters.py", "io/atlas/chart_packing.py"))}
+          "save": Stage(compile_saving, ("io/atlas/chart_padding.py", "io/atlas/chart_packing.py"))}
 
 if __name__ == "__main__":
     for name in sys.argv[1:]:

@@ -62,7 +62,7 @@ class Field:
 
     @property
     def over_texels(self) -> bool:
-        """Whether the values are over texels."""
+        """True if the values are over texels."""
         return self.support.planar
 
     def __repr__(self):
@@ -145,7 +145,7 @@ class Texf:
 
     @property
     def has_alpha(self) -> bool:
-        """Whether alpha was coded."""
+        """True if alpha was coded."""
         return ALPHA in self.channels
 
     @cached_property

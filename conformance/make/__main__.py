@@ -200,15 +200,15 @@ def readme(vectors, files):
     by_number = lambda clause: [int(part) for part in clause.split(".")]
     rows = []
     for clause in sorted({clause for v in vectors for clause in v.clauses}, key=by_number):
-        mine = [v for v in vectors if clause in v.clauses]
-        names = lambda refused, mine=mine: ", ".join(v.name.split("/")[1] for v in mine if bool(v.expect) == refused)
+        of_clause = [v for v in vectors if clause in v.clauses]
+        names = lambda refused, own=of_clause: ", ".join(v.name.split("/")[1] for v in own if bool(v.expect) == refused)
         rows.append(f"| {clause} | {names(False)} | {names(True)} |")
-    asked = lambda v: sum(map(len, json.loads(files.get(f"{v.name}/queries.json", '{"lods": {}}'))["lods"].values())) or ""
-    every = [f"| {v.name} | {v.title} | {len(v.data)} | {asked(v)} |" for v in vectors]
+    query_count = lambda v: sum(map(len, json.loads(files.get(f"{v.name}/queries.json", '{"lods": {}}'))["lods"].values())) or ""
+    every = [f"| {v.name} | {v.title} | {len(v.data)} | {query_count(v)} |" for v in vectors]
     return README.format(clauses="\n".join(rows), vectors="\n".join(every))
 
 
-def made(vector):
+def written_files(vector):
     """File name -> bytes, of one vector."""
     if len(vector.data) >= LARGEST:
         raise SystemExit(f"{vector.name} has {len(vector.data)} bytes")
@@ -222,7 +222,8 @@ def files_of(vectors, chosen):
     files = {}
     for vector in vectors:
         stands = {path.name: path.read_bytes() for path in sorted((HOME / vector.name).glob("*"))}
-        files |= {f"{vector.name}/{name}": content for name, content in (made(vector) if vector in chosen else stands).items()}
+        contents = written_files(vector) if vector in chosen else stands
+        files |= {f"{vector.name}/{name}": content for name, content in contents.items()}
     return {"README.md": readme(vectors, files).encode()} | files
 
 
@@ -297,14 +298,14 @@ def main():
     else:
         vectors = chosen = vectors_made()
     files = files_of(vectors, chosen)
-    found = differences(files)
-    print("\n".join([*found, f"{len(vectors)} vectors, {len(chosen)} made anew, {len(found)} files differ"]))
+    differing = differences(files)
+    print("\n".join([*differing, f"{len(vectors)} vectors, {len(chosen)} made anew, {len(differing)} files differ"]))
     for vector in chosen:
         if vector.expect and refusal(vector.data) != vector.code:
             print(f"{vector.name}: {refusal(vector.data)} instead of {vector.code}", file=sys.stderr)
     if arguments.write:
         write(files)
-    return 7 if found and arguments.check else 0
+    return 7 if differing and arguments.check else 0
 
 
 if __name__ == "__main__":

@@ -75,7 +75,7 @@ MATERIALS = {
         name for m in materials_of(c) for name in m.maps} and effects_mask(materials_of(c)) & 1 << 6,
     "every channel that {} may have": has_every_channel,
     "a group of {}": lambda c, names: names in groups_of(c),
-    "groups of {} and of {}": lambda c, one, other: {one, other} < {*groups_of(c)},
+    "groups of {} and of {}": lambda c, first, other: {first, other} < {*groups_of(c)},
     "groups of maps before base colour": lambda c: groups_of(c)[-1] == "base_colour" != groups_of(c)[0],
     "grey {}": is_grey,
     "three fields": lambda c: len(c.stream.fields) == 3,

@@ -78,7 +78,7 @@ def uncommon():
 def faulty():
     """Clauses 5.7 and 5.7.6."""
     veiled = encoded(painted((0.5, 0.2, 0.05), material=VEIL), resolution=12, qp=46)  # constant colour, then RAHT alpha
-    one = encoded(painted((0.5, 0.2, 0.05)), resolution=12, qp=46)
+    uniform = encoded(painted((0.5, 0.2, 0.05)), resolution=12, qp=46)
     colour, alpha = parsed(veiled).attributes
     assert (colour["codec_id"], alpha["codec_id"]) == (CONSTANT.id, 0)
     at = next(i for i, (kind, _) in enumerate(units_of(veiled)) if kind == A)
@@ -90,7 +90,7 @@ def faulty():
         stream.attributes[0]["plane_value"][2] += 1
 
     def strange(name, length=None):
-        return with_element(one, A, "codec_id", PRIVATE + bytes([len(name) if length is None else length]) + name)
+        return with_element(uniform, A, "codec_id", PRIVATE + bytes([len(name) if length is None else length]) + name)
 
     lines = [
         ("constant_cut", "the unit ends in plane_value", "5.7.6", payload(lambda raw: raw[:-1]), "TXF-S02"),
@@ -98,14 +98,14 @@ def faulty():
         ("constant_left_over", "a byte after plane_value", "5.7.6", payload(lambda raw: raw + b"\0"), "TXF-S08"),
         ("constant_value", "another plane_value", "7.10", with_values(veiled, another), "TXF-S32"),
         ("constant_values_crc", "a constant plane with the values_crc of a single voxel", "7.10",
-         with_element(one, A, "values_crc", np.array(zlib.crc32(bytes(colour["plane_value"])), "<u4").tobytes()), "TXF-S32"),
+         with_element(uniform, A, "values_crc", np.array(zlib.crc32(bytes(colour["plane_value"])), "<u4").tobytes()), "TXF-S32"),
         ("constant_twice", "a constant unit is there twice", "5.7",
          with_units(veiled, lambda units: units.insert(at, units[at])), "TXF-S11"),
         ("constant_missing", "a constant unit is missing beside a RAHT unit", "5.7",
          with_units(veiled, lambda units: units.pop(at)), "TXF-S11"),
         ("constant_order", "a RAHT unit of group 1 before the constant one of group 0", "5.7",
          with_units(veiled, lambda units: units.insert(at, units.pop(at + 1))), "TXF-S11"),
-        ("constant_group", "a constant unit of a group that is not there", "5.7", with_element(one, A, "group_index", b"\1"),
+        ("constant_group", "a constant unit of a group that is not there", "5.7", with_element(uniform, A, "group_index", b"\1"),
          "TXF-S09"),
         ("codec_name_empty", "a private codec without a name", "5.7", strange(b""), "TXF-S04"),
         ("codec_name_not_utf8", "a private codec's name that is not UTF-8", "4.3", strange(b"\xc0\xaf"), "TXF-S06"),
@@ -117,7 +117,7 @@ def faulty():
         ("private_codec", "a private codec that nobody has", "5.7", strange("nobody's, ü".encode()), "TXF-U07"),
         ("private_codec_letter", "a private codec whose name is one letter", "5.7", strange(b"x"), "TXF-U07"),
         ("codec_id_192", "the first codec_id that has a name", "5.7",
-         with_element(one, A, "codec_id", b"\xc0\x12a name of 18 bytes"), "TXF-U07"),
-        ("codec_id_191", "the last codec_id that has no name", "5.7", with_element(one, A, "codec_id", b"\xbf"), "TXF-U02"),
+         with_element(uniform, A, "codec_id", b"\xc0\x12a name of 18 bytes"), "TXF-U07"),
+        ("codec_id_191", "the last codec_id that has no name", "5.7", with_element(uniform, A, "codec_id", b"\xbf"), "TXF-U02"),
     ]
     return [*lines, *unknown]

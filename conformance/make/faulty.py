@@ -150,12 +150,12 @@ def with_units(data, edit):
 
 def place(data, unit_type, number=0):
     """(start, stop) of the `number`-th unit of a type in the stream's bytes."""
-    at, found = len(SIGNATURE), []
+    at, elements = len(SIGNATURE), []
     for kind, payload in units_of(data):
         size = len(write_unit(kind, payload))
-        found += [(at, at + size)] if kind == unit_type else []
+        elements += [(at, at + size)] if kind == unit_type else []
         at += size
-    return found[number]
+    return elements[number]
 
 
 def flipped(data, unit_type, number=0):
@@ -404,7 +404,7 @@ def attributes():
     base, simple, sliced = base_stream(), simple_stream(), sliced_stream()
     last = [unit_type for unit_type, _ in units_of(base)].index(UNIT_METADATA) - 1
     swap = lambda units: units.__setitem__(slice(last - 1, last + 1), [units[last], units[last - 1]])
-    one = lambda edit: with_values(simple, lambda stream: edit(stream.attributes[0]))
+    edited = lambda edit: with_values(simple, lambda stream: edit(stream.attributes[0]))
     many = lambda edit: with_values(sliced, lambda stream: edit(stream.attributes[0]))
     longer = lambda unit: unit["codewords"][0].update(codeword_length=unit["codewords"][0]["codeword_length"] + 1)
     flat = flat_stream()
@@ -421,7 +421,7 @@ def attributes():
         ("attribute_group", "an attribute unit of a group that is not there", "5.7",
          with_element(simple, A, "group_index", b"\1"), "TXF-S09"),
         ("values_crc", "a wrong values_crc", "7.10", with_element(simple, A, "values_crc", b"\1\2\3\4"), "TXF-S32"),
-        ("codeword_bit", "a flipped bit in a codeword", "7.10", one(_flip_codeword), "TXF-S32"),
+        ("codeword_bit", "a flipped bit in a codeword", "7.10", edited(_flip_codeword), "TXF-S32"),
         ("qp_64", "qp 64", "5.7.1", with_element(flat, A, "qp", b"\x40\0\0"), "TXF-S04"),
         ("kernel_0", "kernel[0] = 0", "5.7.1", with_element(flat, A, "kernel", bytes([0, *kernel[1:]])), "TXF-S04"),
         ("num_models_9", "num_models 9", "5.7.1", with_element(recoded(simple, models=8), A, "num_models", b"\11"), "TXF-S04"),
@@ -449,9 +449,9 @@ def attributes():
         ("slice_far_past_the_end", "slices that begin beyond 2^60", "5.7.1",
          many(lambda unit: unit.update(slice_step=[(1 << 56) - 1] * len(unit["slice_step"]))), "TXF-S12"),
         ("level_index_2", "level_index 2", "5.7.1", with_element(one_voxel(), A, "level_index", b"\2"), "TXF-S04"),
-        ("codeword_length", "codeword lengths that do not add up", "5.7.2", one(longer), "TXF-S10"),
+        ("codeword_length", "codeword lengths that do not add up", "5.7.2", edited(longer), "TXF-S10"),
         ("codeword_length_huge", "a codeword of 2^55 bytes", "5.7.2",
-         one(lambda unit: unit["codewords"][0].update(codeword_length=1 << 55)), "TXF-S10"),
+         edited(lambda unit: unit["codewords"][0].update(codeword_length=1 << 55)), "TXF-S10"),
     ]
     unknown = with_element(base, A, "codec_id", b"\x07", 1)
     return lines + [

@@ -153,9 +153,9 @@ def stage_bytes(stage):
 def faulty():
     """Clauses 5.7.1 and 5.7.3, and the checksum after clause 7.7."""
     sheet = encoded(rising_noise(), resolution=12, qp=22)
-    one, two = (filtered(sheet, {3: [drawn(every(3), 3, 70 + n) for n in range(count)]}) for count in (1, 2))
+    single, two = (filtered(sheet, {3: [drawn(every(3), 3, 70 + n) for n in range(count)]}) for count in (1, 2))
     three, bounded = filtered(sheet, {3: [drawn(every(3), 3, 70)] * 3}), recoded(sheet, models=6, max_error=0)
-    (stage,), first = parsed(one).attributes[0]["filters"], parsed(three).attributes[0]["filters"][0]
+    (stage,), first = parsed(single).attributes[0]["filters"], parsed(three).attributes[0]["filters"][0]
     known = {"filter_mask": 0x7FFE, "filter_coefficients": stage["filter_coefficients"][:42]}
     cross = [0, 0, 17]
     cut = lambda units: units.__setitem__(-2, (A, units[-2][1][:40]))
@@ -166,10 +166,10 @@ def faulty():
         ("filter_four_stages", "four filter stages, all of them there", "5.7.1",
          out_of_range(three, "num_filters", b"\4" + stage_bytes(first), filters=[first] * 4), "TXF-S04"),
         ("filter_mask_bit_15", "a filter_mask bit beyond the classes, with its coefficients", "5.7.3",
-         out_of_range(one, "filters[0].filter_mask", b"\xfe\xff", filters=[known]), "TXF-S04"),
-        ("filter_cut", "the unit ends in filter_coefficients", "5.7.3", with_units(one, cut), "TXF-S02"),
-        ("filter_coefficient", "another filter coefficient", "7.7", with_values(one, tap), "TXF-S32"),
-        ("filter_left_out", "a filter stage is left out", "7.7", with_values(one, none), "TXF-S32"),
+         out_of_range(single, "filters[0].filter_mask", b"\xfe\xff", filters=[known]), "TXF-S04"),
+        ("filter_cut", "the unit ends in filter_coefficients", "5.7.3", with_units(single, cut), "TXF-S02"),
+        ("filter_coefficient", "another filter coefficient", "7.7", with_values(single, tap), "TXF-S32"),
+        ("filter_left_out", "a filter stage is left out", "7.7", with_values(single, none), "TXF-S32"),
         ("filter_stage_order", "two filter stages change places", "7.7", with_values(two, swap), "TXF-S32"),
         ("residual_cross_17", "residual_cross 17", "5.7.1",
          out_of_range(bounded, "residual_cross", bytes(cross), residual_cross=cross), "TXF-S04"),

@@ -88,9 +88,9 @@ def raht(values, keys, resolution, qp, kernel=KERNEL, plain=False, index=False, 
     means = (forward_colour if colour else forward_plain)(values.astype(np.float32))
     with patch.multiple(attribute_coder, **(slices or {"SLICE_VOXELS": 1 << 18})):
         tools = attribute_coder.Tools(kernel, **tools)
-        coded, made = attribute_coder.enc_attributes(keys, octree_depth(resolution), means, qp, tools, plan=plan)
+        coded, coefficients = attribute_coder.enc_attributes(keys, octree_depth(resolution), means, qp, tools, plan=plan)
     return {
-        "values_crc": zlib.crc32(inverse(made) if plan is None else made),
+        "values_crc": zlib.crc32(inverse(coefficients) if plan is None else coefficients),
         **raht_values(coded, colour), "level_index": int(index),
     }
 
@@ -115,11 +115,11 @@ def split_by_material(data):
     stream.fields, stream.attributes = [], []
     for i, geometry in enumerate(texf.units):
         keys, _ = voxelise(geometry.lattice, geometry.faces, bits, old["resolution"], old["area_threshold"])
-        mine = [rank[key] for key in keys.tolist()]
+        own_rows = [rank[key] for key in keys.tolist()]
         stream.geometry[i]["field_index"] = i
         stream.fields.append(old | {"field_index": i, "num_keys": len(keys), "keys_crc": zlib.crc32(keys.astype("<i8"))})
         for unit, plane in zip(units, values, strict=True):
-            stream.attributes.append(unit | {"field_index": i} | raht(plane[mine], keys, old["resolution"], unit["qp"]))
+            stream.attributes.append(unit | {"field_index": i} | raht(plane[own_rows], keys, old["resolution"], unit["qp"]))
     stream.header["num_fields"] = len(texf.units)
     return written(stream)
 

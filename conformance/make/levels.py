@@ -25,8 +25,8 @@ def level_checks(data):
         if unit["codec_id"] == RAHT_ID:
             keys = plane_keys(unit, fields[unit["field_index"]].keys)
             name = f"field{unit['field_index']}_group{unit['group_index']}"
-            ours, theirs = ([means(unit if mine else other, keys, level) for level in range(unit["Depth"] + 1)]
-                            for mine, means in ((True, _our_means), (False, _plain_means)))
+            ours, theirs = ([means(unit if is_own else other, keys, level) for level in range(unit["Depth"] + 1)]
+                            for is_own, means in ((True, _our_means), (False, _plain_means)))
             if ours != theirs:
                 differ = [a == b for a, b in zip(ours, theirs, strict=True)].index(False)
                 raise SystemExit(f"{name}: the two decoders differ at level {differ}")

@@ -21,7 +21,7 @@ FEW = {"WHOLE_VOXELS": 1, "SLICE_VOXELS": 20, "SLICE_NODES": 4}  # slices of pla
 
 def groups(*names, grey=()):
     """Groups behind that of base colour. names: of their channels, joined by +; grey: those that are."""
-    return (BASE, *(Group(tuple(BY_NAME[one] for one in name.split("+")), name in grey) for name in names))
+    return (BASE, *(Group(tuple(BY_NAME[part] for part in name.split("+")), name in grey) for name in names))
 
 
 def painted(*maps, **parameters):
@@ -53,9 +53,9 @@ def every_channel(texels):
 
 def every_parameter():
     """Materials with every parameter, and with numbers at the ends of what binary32 holds."""
-    told = {p.name: tuple(0.25 + (p.number + i) / 8 for i in range(p.count)) for p in PARAMETERS}
+    stated = {p.name: tuple(0.25 + (p.number + i) / 8 for i in range(p.count)) for p in PARAMETERS}
     ends = {"normal_scale": (-LARGEST,), "thickness": (LARGEST,), "emissive": (0.0, 2.0**-149, 0.0), "ior": (-0.0,)}
-    return [painted(**told), painted(**ends), Material("plain")]
+    return [painted(**stated), painted(**ends), Material("plain")]
 
 
 def every_effect():
@@ -73,9 +73,9 @@ def no_effect():
 
 
 def painted_unlit(*maps, **parameters):
-    made = painted(*maps, **parameters)
-    made.unlit = True
-    return made
+    material = painted(*maps, **parameters)
+    material.unlit = True
+    return material
 
 
 def some_materials():

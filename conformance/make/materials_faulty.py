@@ -132,13 +132,13 @@ def planes():
     shifted = over_voxels([painted("roughness")], groups("roughness"), 9, shifts={(0, 1): 1}, constants=((0, 1),))
     shift = lambda data, levels, number: with_element(data, A, "level_shift", bytes([levels]), number)
     return [
-        ("map_unit_missing", "no unit of a map that a field needs", "5.7", units(base, lambda mine: mine.pop()), "TXF-S11"),
-        ("map_unit_first", "the unit of a map before that of base colour", "5.7", units(base, lambda mine: mine.reverse()),
+        ("map_unit_missing", "no unit of a map that a field needs", "5.7", units(base, lambda listed: listed.pop()), "TXF-S11"),
+        ("map_unit_first", "the unit of a map before that of base colour", "5.7", units(base, lambda listed: listed.reverse()),
          "TXF-S11"),
         ("map_unit_more", "a unit of a map for a field that needs none", "5.7",
-         units(two, lambda mine: mine.append(mine[1] | {"field_index": 1})), "TXF-S11"),
+         units(two, lambda listed: listed.append(listed[1] | {"field_index": 1})), "TXF-S11"),
         ("map_unit_other", "the unit of a map for the field that needs none", "5.7",
-         units(two, lambda mine: mine.append(mine.pop(1) | {"field_index": 1})), "TXF-S11"),
+         units(two, lambda listed: listed.append(listed.pop(1) | {"field_index": 1})), "TXF-S11"),
         ("level_shift_14", "level_shift 14", "5.7", shift(base, 14, 1), "TXF-S04"),
         ("level_shift_over", "level_shift is more than the levels of the field", "5.7", shift(base, 5, 1), "TXF-S04"),
         ("level_shift_colour", "level_shift 1 of base colour", "5.7", shifted_one(roughness, groups("roughness"), 0),

@@ -324,15 +324,15 @@ def faulty_units(resident, two, alpha):
     beside = lambda data, units: with_values(data, lambda stream: setattr(stream, "attributes", units(stream.attributes)))
     (every,), raht = parsed(two).attributes, plain.attributes[0]
     lines = [
-        ("twice", "a second 3DNTC unit", resident, lambda mine: mine * 2),
-        ("before_raht", "a RAHT unit after the 3DNTC unit", resident, lambda mine: [*mine, raht]),
-        ("after_raht", "a RAHT unit before the 3DNTC unit", resident, lambda mine: [raht, *mine]),
+        ("twice", "a second 3DNTC unit", resident, lambda listed: listed * 2),
+        ("before_raht", "a RAHT unit after the 3DNTC unit", resident, lambda listed: [*listed, raht]),
+        ("after_raht", "a RAHT unit before the 3DNTC unit", resident, lambda listed: [raht, *listed]),
         ("second_group", "a 3DNTC unit for alpha beside RAHT for colour", alpha,
-         lambda mine: [plain_alpha.attributes[0], mine[0] | {"group_index": 1}]),
+         lambda listed: [plain_alpha.attributes[0], listed[0] | {"group_index": 1}]),
         ("second_field", "a 3DNTC unit for one of two fields beside RAHT for the other", two,
-         lambda mine: [plain_two.attributes[0], every | {"field_index": 1}]),
-        ("field_index", "field_index 1", two, lambda mine: [every | {"field_index": 1}]),
-        ("group_index", "group_index 1", alpha, lambda mine: [mine[0] | {"group_index": 1}]),
+         lambda listed: [plain_two.attributes[0], every | {"field_index": 1}]),
+        ("field_index", "field_index 1", two, lambda listed: [every | {"field_index": 1}]),
+        ("group_index", "group_index 1", alpha, lambda listed: [listed[0] | {"group_index": 1}]),
     ]
     alone = with_units(empty(), lambda units: units.insert(-1, units_of(resident)[-2]))
     return [*((f"neural_{name}", f"3DNTC: {title}", "5.7", beside(data, units), "TXF-S11") for name, title, data, units in lines),

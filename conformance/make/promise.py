@@ -24,7 +24,7 @@ def promised(home=HOME):
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
 
 
-def found(home=HOME):
+def current(home=HOME):
     """The same of the vectors that are there; streams that are refused promise nothing."""
     out = {}
     for path in sorted(home.glob("*/*/case.json")):
@@ -56,17 +56,17 @@ def renewed(old, new, anew=False, candidate=CANDIDATE):
 
 def main(arguments):
     """Checks the list, or writes it."""
-    old, new = promised(), found()
+    old, new = promised(), current()
     if not arguments:
         faults = [*broken(old, new), *(f"{name} is not promised" for name in new.keys() - old.keys())]
         print("\n".join(faults or [f"{len(old)} streams of version {VERSION} as promised"]))
         return 7 if faults else 0
     try:
-        made = renewed(old, new, arguments == ["--anew"])
+        promise = renewed(old, new, arguments == ["--anew"])
     except ValueError as error:
         print(error)
         return 7
-    (HOME / LIST).write_text(json.dumps(dict(sorted(made.items())), indent=0) + "\n", encoding="utf-8")
+    (HOME / LIST).write_text(json.dumps(dict(sorted(promise.items())), indent=0) + "\n", encoding="utf-8")
     return 0
 
 

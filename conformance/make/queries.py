@@ -35,10 +35,10 @@ ASKED = {
 
 
 class Places:
-    """Where a stream may be asked: points of the world, as the binary64 nearest to what was meant."""
+    """Where a stream may be queried: points of the world, as the binary64 nearest to what was meant."""
 
-    def __init__(self, asked, seed):
-        self.asked, self.header, self.random = asked, asked.header, random.Random(seed)
+    def __init__(self, source, seed):
+        self.source, self.header, self.random = source, source.header, random.Random(seed)
         self.last, self.cells = 2 ** self.header["position_bits"] - 1, 2 ** self.header["position_bits"]
 
     def world(self, lattice):
@@ -65,9 +65,9 @@ class Places:
 
 def of_voxels(places, index):
     """Points that ask a field over voxels."""
-    field, faces = places.asked.texf["fields"][index], places.asked.faces[index]
+    field, faces = places.source.texf["fields"][index], places.source.faces[index]
     size, scale = field["unit"]["resolution"], 1 << field["left_out"]
-    cells, rng = places.asked.cells[index][0], places.random
+    cells, rng = places.source.cells[index][0], places.random
     at = lambda x: (index, 0, places.of_grid([v * scale for v in x], size))
     wide = -(-size // scale)
     raster = [[Fraction(rng.randrange(-3, 2 * wide + 4), 2) for _ in range(3)] for _ in range(100)]
@@ -89,27 +89,27 @@ def of_voxels(places, index):
 
 def midways(places, cells, axes):
     """Points midway between the centres of 2**axes voxels, those with most of them active first."""
-    found = []
+    middles = []
     for voxel in places.some(sorted(cells), 40):
         move = places.some([0, 1, 2], axes)
         shift = [int(axis in move) for axis in range(3)]
         around = list(product(*[range(d + 1) for d in shift]))
         active = sum(tuple(v + d for v, d in zip(voxel, corner, strict=True)) in cells for corner in around)
-        found.append((-active, [v + Fraction(1 + d, 2) for v, d in zip(voxel, shift, strict=True)]))
-    return [x for _, x in sorted(found, key=lambda pair: pair[0])]
+        middles.append((-active, [v + Fraction(1 + d, 2) for v, d in zip(voxel, shift, strict=True)]))
+    return [x for _, x in sorted(middles, key=lambda pair: pair[0])]
 
 
 def of_texels(places, index):
     """Points that ask a face of a field over texels."""
-    unit, faces = places.asked.texf["fields"][index]["unit"], places.asked.faces[index]
-    one, sizes = 1 << unit["uv_fraction_bits"], (unit["width"], unit["height"])
+    unit, faces = places.source.texf["fields"][index]["unit"], places.source.faces[index]
+    texel, sizes = 1 << unit["uv_fraction_bits"], (unit["width"], unit["height"])
     flat = {n for n, (_, uv) in enumerate(faces) if (uv[1][0] - uv[0][0]) * (uv[2][1] - uv[0][1]) ==
             (uv[1][1] - uv[0][1]) * (uv[2][0] - uv[0][0])}
     solid = [n for n, (corners, _) in enumerate(faces) if on_plane(corners[0], corners) is not None]
     at = lambda n, weights: (index, n, places.world(blend(weights, faces[n][0])))
     some = lambda count: places.some(solid, count)
     crossing = lambda step, shift: [at(n, w) for n in some(24) for axis in (0, 1)
-                                    if (w := places_on(places, faces[n][1], axis, step(axis) * one, shift * one)) is not None]
+                                    if (w := places_on(places, faces[n][1], axis, step(axis) * texel, shift * texel)) is not None]
     return [
         ("on a face", 8, [at(n, places.weights()) for n in some(8)]),
         ("on a face whose UVs have no area", 6, [at(n, places.weights()) for n in solid if n in flat for _ in range(3)]),
@@ -147,7 +147,7 @@ def above(corners, weights, steps):
 
 def of_networks(places, index):
     """Points that ask a field of a 3DNTC stream."""
-    field, faces, rng = places.asked.texf["fields"][index], places.asked.faces[index], places.random
+    field, faces, rng = places.source.texf["fields"][index], places.source.faces[index], places.random
     size = field["unit"]["resolution"]
     voxels = [de_interleave(key) for key in field["keys"]]
     centres = [places.of_grid([Fraction(2 * v + 1, 2) * 2 ** field["left_out"] for v in voxel], size)
@@ -155,7 +155,7 @@ def of_networks(places, index):
     corners = [places.world(corner) for face in places.some(faces, 200) for corner in face[0]]
     outside = [(-1, 3, 1), (9, Fraction(1, 3), -2), (1, 1, 1), (Fraction(1, 2), 2**40, 0)]
     named = lambda points: ((index, 0, point) for point in points)
-    decides = lambda point: order_decides(places.asked.texf["neural"], index, point, places.header)
+    decides = lambda point: order_decides(places.source.texf["neural"], index, point, places.header)
     return [
         ("the centre of a voxel", 3, named(centres)),
         ("on the surface", 5, named(places.world(blend(places.weights(), face[0])) for face in places.some(faces, 5))),
@@ -174,7 +174,7 @@ def order_decides(neural, index, point, header):
 
 def of_no_side(places):
     """Points that ask faces of the only field of a stream whose side is 0, which are all one point of its lattice."""
-    origin, (faces,) = places.header["origin"], places.asked.faces
+    origin, (faces,) = places.header["origin"], places.source.faces
     count = len(faces)
     at = lambda n, *by: (0, n, tuple(o + d for o, d in zip(origin, by, strict=True)))
     return [
@@ -201,10 +201,10 @@ OF_THEIR_OWN = {"uncommon/queries_by_a_hair": by_a_hair, "uncommon/queries_no_si
 
 def of_nobody(places):
     """Points of which no face is known."""
-    every, half = [face for faces in places.asked.faces for face in faces], Fraction(1, 2)
+    every, half = [face for faces in places.source.faces for face in faces], Fraction(1, 2)
     some = lambda count: places.some(every, count)
     on_face = lambda face: (-1, 0, places.world(blend(places.weights(), face[0])))
-    between = [[(a + b) / Fraction(2) for a, b in zip(one[0][0], other[0][0], strict=True)] for one, other in
+    between = [[(a + b) / Fraction(2) for a, b in zip(first[0][0], other[0][0], strict=True)] for first, other in
                zip(some(3), some(3), strict=False)]
     return [
         ("on the surface, no face known", 4, [on_face(face) for face in some(4)]),
@@ -217,29 +217,29 @@ def of_nobody(places):
 # Answers
 
 
-def near(one, other):
+def near(first, other):
     """Whether two answers are one."""
     return all(a is b is None or (a is not None and b is not None and abs(a - b) <= SAME)
-               for a, b in zip(one, other, strict=True))
+               for a, b in zip(first, other, strict=True))
 
 
-def settled(asked, field, triangle, point):
+def settled(source, field, triangle, point):
     """All answers that are right; None where they are too many to be named."""
-    found = asked.answers(field, triangle, point)
-    if asked.texf["neural"] is not None:
-        return found
-    lattice, cells = lattice_point(point, asked.header), 2 ** asked.header["position_bits"]
-    faces = [(field, triangle)] if field >= 0 else asked.nearest_faces(lattice)
+    right_answers = source.answers(field, triangle, point)
+    if source.texf["neural"] is not None:
+        return right_answers
+    lattice, cells = lattice_point(point, source.header), 2 ** source.header["position_bits"]
+    faces = [(field, triangle)] if field >= 0 else source.nearest_faces(lattice)
     beside = []
     for index, number in faces:
-        part = asked.texf["fields"][index]
+        part = source.texf["fields"][index]
         away = Fraction(1, 2**24) if part["support"] == TEXELS else Fraction(cells, part["unit"]["resolution"] << 20)
         moved = lambda by, away=away: [p + d * away for p, d in zip(lattice, by, strict=True)]
-        found += [a for by in product((-1, 0, 1), repeat=3) for a in asked.of_face(index, number, moved(by))]
-        beside += [a for s in product((-1, 1), repeat=3) for a in asked.of_face(
+        right_answers += [a for by in product((-1, 0, 1), repeat=3) for a in source.of_face(index, number, moved(by))]
+        beside += [a for s in product((-1, 1), repeat=3) for a in source.of_face(
             index, number, moved([s[0] * Fraction(1, 4), s[1] * Fraction(2, 3), s[2] * Fraction(1, 7)]))]
     out = []
-    for answer in found:
+    for answer in right_answers:
         if not any(near(answer, other) for other in out):
             out.append(answer)
     return out if len(out) <= 8 and all(any(near(answer, other) for other in out) for answer in beside) else None
@@ -247,35 +247,35 @@ def settled(asked, field, triangle, point):
 
 def candidates(places, name):
     """Those of all fields, and without a face; or those that a vector has of its own."""
-    asked, out = places.asked, []
+    source, out = places.source, []
     if name in OF_THEIR_OWN:
         return OF_THEIR_OWN[name](places)
-    for index, field in enumerate(asked.texf["fields"]):
-        kind = of_networks if asked.texf["neural"] is not None else of_texels if field["support"] == TEXELS else of_voxels
+    for index, field in enumerate(source.texf["fields"]):
+        kind = of_networks if source.texf["neural"] is not None else of_texels if field["support"] == TEXELS else of_voxels
         out += kind(places, index)
     return out + of_nobody(places)
 
 
 def queries_at(vector, lod, seed):
     """Queries of a vector's stream at one level of detail, as queries.json has them."""
-    asked, out = Asked(decoder.decode(vector.data, lod)), []
-    for why, wanted, questions in candidates(Places(asked, seed), vector.name):
-        known = ((question, answers) for question in questions if (answers := settled(asked, *question)) is not None)
+    source, out = Asked(decoder.decode(vector.data, lod)), []
+    for why, wanted, questions in candidates(Places(source, seed), vector.name):
+        known = ((question, answers) for question in questions if (answers := settled(source, *question)) is not None)
         for (field, triangle, point), answers in islice(known, wanted):
             rounded = [[None if v is None else round(float(v), DECIMALS + 2) for v in answer] for answer in answers]
             out.append({"why": why, "field": field, "triangle": triangle, "point": [p.hex() for p in point],
                         "answers": rounded})
-    return asked, out
+    return source, out
 
 
 def queries_file(vector):
     """Content of queries.json, None where a vector is not asked."""
     if vector.name not in ASKED:
         return None
-    found = {lod: queries_at(vector, lod, n) for n, lod in enumerate(ASKED[vector.name])}
-    (asked, _), *_ = found.values()
-    tolerance = 0 if asked.texf["neural"] is not None else TOLERANCE + 10**-DECIMALS
+    by_lod = {lod: queries_at(vector, lod, n) for n, lod in enumerate(ASKED[vector.name])}
+    (source, _), *_ = by_lod.values()
+    tolerance = 0 if source.texf["neural"] is not None else TOLERANCE + 10**-DECIMALS
     lods = ",\n".join(f' "{lod}": [\n' + ",\n".join(f"  {json.dumps(q)}" for q in queries) + "\n ]"
-                      for lod, (_, queries) in found.items())
-    head = f'{{"components": {json.dumps(asked.components)}, "tolerance": {tolerance}, "lods": {{\n'
+                      for lod, (_, queries) in by_lod.items())
+    head = f'{{"components": {json.dumps(source.components)}, "tolerance": {tolerance}, "lods": {{\n'
     return (head + lods + "\n}}\n").encode()

@@ -80,9 +80,9 @@ def rounded_twice():
 
 def sheets():
     """Two sheets over texels one above the other, and between them, nearer to the first, one over voxels that touches it."""
-    one = 16
-    first = sheet([(0, 0), (9 * one, 8), (9 * one, 7 * one), (0, 0), (9 * one, 7 * one), (-3 * one, 6 * one)])
-    second = sheet([(5, 5), (8 * one, 9), (7 * one, 6 * one), (5, 5), (7 * one, 6 * one), (9, 5 * one)], field=2)
+    texel = 16
+    first = sheet([(0, 0), (9 * texel, 8), (9 * texel, 7 * texel), (0, 0), (9 * texel, 7 * texel), (-3 * texel, 6 * texel)])
+    second = sheet([(5, 5), (8 * texel, 9), (7 * texel, 6 * texel), (5, 5), (7 * texel, 6 * texel), (9, 5 * texel)], field=2)
     between = sheet(np.zeros((6, 2)), field=1)
     second.lattice = second.lattice + [0, 0, 600]
     between.lattice, between.uv = between.lattice + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 80], [0, 0, 80]]), None
@@ -206,8 +206,8 @@ def at_the_steps(step, back):
     large = tips << (NORMAL_BITS - np.frexp(np.abs(tips).max(1))[1])[:, None]
     dot, square = large @ large.T, (large * large).sum(1)
     lengths = square[:, None] * square
-    found = (dot * dot // (lengths >> 12) == step) & ((dot < 0) == back)
-    a, b = np.nonzero(found)
+    are_near = (dot * dot // (lengths >> 12) == step) & ((dot < 0) == back)
+    a, b = np.nonzero(are_near)
     order = np.argsort(dot[a, b] ** 2 // -(-lengths[a, b] >> 12) == step, kind="stable")[:3]
     return np.stack([tips[a[order]], tips[b[order]]], 1)
 
@@ -231,7 +231,7 @@ def hinges():
     whole = np.random.default_rng(4).integers(0, 62, (7, 3)) + [930, 930, 900]
     patches.append((whole, list(combinations(range(7), 3))))
     starts = np.cumsum([0] + [len(lattice) for lattice, _ in patches])
-    faces = [np.array(mine) + start for (_, mine), start in zip(patches, starts[:-1], strict=True)]
+    faces = [np.array(patch_faces) + start for (_, patch_faces), start in zip(patches, starts[:-1], strict=True)]
     lattice, unmarked = np.concatenate([lattice for lattice, _ in patches]), len(groups) - 2
     parts = [Patch(lattice, np.concatenate(faces[:unmarked] + faces[len(groups) :])),
              Patch(lattice, np.concatenate(faces[unmarked : len(groups)]), material=1)]

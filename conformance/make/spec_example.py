@@ -30,11 +30,11 @@ def example(data):
     shown = (part[:SHOWN_CELLS].tolist() for part in (keys, decode_morton(keys), plane))
     corners = "; ".join(", ".join(str(tuple(unit.lattice[v].tolist())) for v in face) for face in unit.faces)
     root = ", ".join(f"{v / 4096:.2f}" for v in stream.attributes[0]["root_mean"])
-    told = (f"Draco gives {len(unit.faces)} faces with the corners {corners}, in one order or another. Clause 6 finds "
-            f"{len(keys)} voxels. From the root's means, {root}, values are refined over {field.support.depth} levels. "
-            f"The first {SHOWN_CELLS} values:")
+    sentences = (f"Draco gives {len(unit.faces)} faces with the corners {corners}, in one order or another. Clause 6 finds "
+                 f"{len(keys)} voxels. From the root's means, {root}, values are refined over {field.support.depth} levels. "
+                 f"The first {SHOWN_CELLS} values:")
     return "\n".join([
-        *lines, "", *textwrap.wrap(told, 130), "", "| key | voxel | values |", "|---:|---|---|",
+        *lines, "", *textwrap.wrap(sentences, 130), "", "| key | voxel | values |", "|---:|---|---|",
         *(f"| {key} | {tuple(place)} | {', '.join(map(str, value))} |" for key, place, value in zip(*shown, strict=True))])
 
 

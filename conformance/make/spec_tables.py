@@ -95,9 +95,9 @@ def all_findings():
 def with_block(text, mark, block, name):
     """The text with the block between `<!-- mark -->` and the next `<!-- end -->` renewed; name: of the document."""
     pattern = rf"(<!-- {mark} -->\n).*?(<!-- end -->)"
-    text, found = re.subn(pattern, lambda m: f"{m[1]}{block}\n{m[2]}", text, flags=re.S)
-    if found != 1:
-        raise SystemExit(f"{name}: {found} places for {mark}")
+    text, count = re.subn(pattern, lambda m: f"{m[1]}{block}\n{m[2]}", text, flags=re.S)
+    if count != 1:
+        raise SystemExit(f"{name}: {count} places for {mark}")
     return text
 
 

@@ -18,7 +18,7 @@ from texfcodec.codecs import codec_of
 from texfcodec.codecs.base import Group
 from texfcodec.field.keyed import keys_crc
 from texfcodec.field.morton import decode_morton
-from texfcodec.field.texel_set import asked_texels
+from texfcodec.field.texel_set import referenced_texels
 from texfcodec.field.texels import TexelSupport
 from texfcodec.field.voxelise import voxelise
 from texfcodec.field.voxels import VoxelSupport
@@ -140,10 +140,10 @@ def stream_of_parts(fields, patches, materials=1, alpha=False, qp=30, groups=Non
         "num_channel_groups": len(groups), "channel_groups": [group_values(*group) for group in groups]})
     stream.geometry, stream.materials, shown = units, written_materials, []
     for number, field in enumerate(fields):
-        mine = [patch for patch in patches if patch.field == number]
-        shown.append((_texels if isinstance(field, Image) else _voxels)(field, mine, stream, number))
-    for number, mine in enumerate(needed_groups(stream)):
-        for group in mine:
+        own = [patch for patch in patches if patch.field == number]
+        shown.append((_texels if isinstance(field, Image) else _voxels)(field, own, stream, number))
+    for number, group_numbers in enumerate(needed_groups(stream)):
+        for group in group_numbers:
             shift, constant = (shifts or {}).get((number, group), 0), fields[number].constant or (number, group) in constants
             unit = _unit(groups[group], *shown[number], shift, qp, None if constant else tools)
             stream.attributes.append({**unit, "field_index": number, "group_index": group})
@@ -154,7 +154,7 @@ def _texels(field, patches, stream, number):
     """Adds a field over texels to the stream: its support and pixels."""
     height, width = field.pixels.shape[:2]
     uv = np.concatenate([_whole_uv(patch).reshape(-1, 2) for patch in patches])
-    keys = asked_texels(uv, np.arange(len(uv)).reshape(-1, 3), field.fraction, (width, height), field.wrap)
+    keys = referenced_texels(uv, np.arange(len(uv)).reshape(-1, 3), field.fraction, (width, height), field.wrap)
     stream.fields.append({"field_index": number, "support": SUPPORT_TEXELS, "width": width, "height": height,
                           "wrap_s": field.wrap[0], "wrap_t": field.wrap[1], "uv_fraction_bits": field.fraction,
                           "num_keys": len(keys), "keys_crc": keys_crc(keys)})
@@ -204,8 +204,8 @@ def _unit(group, support, pixels, shift, qp, tools):
         value = plane[0].tolist()
         return attribute_values(codec_of("constant"), 0, 0, zlib.crc32(bytes(value) * len(plane)), {"plane_value": value}, shift)
     usual = {"planar": int(support.planar), "plain": not group.channels[0].srgb}
-    made = raht(plane, support.keys, int(np.max(support.size)), [qp] * plane.shape[1], **usual | tools)
-    return attribute_values(codec_of("raht"), 0, 0, 0, made, shift)
+    payload = raht(plane, support.keys, int(np.max(support.size)), [qp] * plane.shape[1], **usual | tools)
+    return attribute_values(codec_of("raht"), 0, 0, 0, payload, shift)
 
 
 # The good ones
@@ -259,9 +259,9 @@ def _of(patch, field):
 
 def borders():
     """UVs on centres and on borders of texels, where the open squares end."""
-    one = 16
-    centres = [(c, r) for c in (8, 8 + 3 * one, 8 + 7 * one) for r in (8, 8 + 4 * one)]
-    edges = [(0, 0), (3 * one, 0), (3 * one, 5 * one), (0, 0), (3 * one, 5 * one), (0, 5 * one)]
+    texel = 16
+    centres = [(c, r) for c in (8, 8 + 3 * texel, 8 + 7 * texel) for r in (8, 8 + 4 * texel)]
+    edges = [(0, 0), (3 * texel, 0), (3 * texel, 5 * texel), (0, 0), (3 * texel, 5 * texel), (0, 5 * texel)]
     return (stream_of_parts([Image(picture(9, 7))], [sheet([centres[i] for i in (0, 4, 5, 0, 5, 1)])]),
             stream_of_parts([Image(picture(9, 7), MIRRORED)], [sheet(edges)]))
 

@@ -42,25 +42,25 @@ def fields():
     above = stream_of_parts([Image(picture(*SIZE))], [ring(SIZE, 4, (1, 0.3), (0, -2))])
     u16 = lambda value: value.to_bytes(2, "little")
 
-    def one(name, title, element, raw, code="TXF-S04"):
+    def add(name, title, element, raw, code="TXF-S04"):
         return name, title, "6.5.4" if code == "TXF-S30" else "5.5", with_element(base, F, element, raw), code
 
     lines = [
-        one("support_2", "support 2", "support", b"\2", "TXF-U09"),
-        one("texels_wrap_s_3", "wrap_s 3", "wrap_s", b"\3", "TXF-U09"),
-        one("texels_wrap_t_255", "wrap_t 255", "wrap_t", b"\xff", "TXF-U09"),
-        one("texels_fraction_9", "uv_fraction_bits 9", "uv_fraction_bits", b"\x09"),
-        one("texels_width_0", "width 0", "width", u16(0)),
-        one("texels_height_0", "height 0", "height", u16(0)),
+        add("support_2", "support 2", "support", b"\2", "TXF-U09"),
+        add("texels_wrap_s_3", "wrap_s 3", "wrap_s", b"\3", "TXF-U09"),
+        add("texels_wrap_t_255", "wrap_t 255", "wrap_t", b"\xff", "TXF-U09"),
+        add("texels_fraction_9", "uv_fraction_bits 9", "uv_fraction_bits", b"\x09"),
+        add("texels_width_0", "width 0", "width", u16(0)),
+        add("texels_height_0", "height 0", "height", u16(0)),
         ("texels_width_16385", "width 16385", "5.5", with_element(constant, F, "width", u16(16385)), "TXF-S04"),
-        one("texels_height_65535", "height 65535", "height", u16(65535)),
-        one("texels_num_keys_over", "num_keys is more than the image has texels", "num_keys", write_v(SIZE[0] * SIZE[1] + 1)),
-        one("texels_num_keys_0", "num_keys is 0", "num_keys", b"\0"),
-        one("texels_num_keys", "num_keys is one too many", "num_keys", write_v(keys + 1), "TXF-S30"),
-        one("texels_num_keys_less", "num_keys is one too few", "num_keys", write_v(keys - 1), "TXF-S30"),
-        one("texels_keys_crc", "a wrong keys_crc over texels", "keys_crc", b"\1\2\3\4", "TXF-S30"),
-        one("texels_width", "another width than the texels were made for", "width", u16(9), "TXF-S30"),
-        one("texels_fraction", "other uv_fraction_bits than the texels were made for", "uv_fraction_bits", b"\5", "TXF-S30"),
+        add("texels_height_65535", "height 65535", "height", u16(65535)),
+        add("texels_num_keys_over", "num_keys is more than the image has texels", "num_keys", write_v(SIZE[0] * SIZE[1] + 1)),
+        add("texels_num_keys_0", "num_keys is 0", "num_keys", b"\0"),
+        add("texels_num_keys", "num_keys is one too many", "num_keys", write_v(keys + 1), "TXF-S30"),
+        add("texels_num_keys_less", "num_keys is one too few", "num_keys", write_v(keys - 1), "TXF-S30"),
+        add("texels_keys_crc", "a wrong keys_crc over texels", "keys_crc", b"\1\2\3\4", "TXF-S30"),
+        add("texels_width", "another width than the texels were made for", "width", u16(9), "TXF-S30"),
+        add("texels_fraction", "other uv_fraction_bits than the texels were made for", "uv_fraction_bits", b"\5", "TXF-S30"),
         ("texels_wrap", "another wrap_t than the texels were made for", "6.5.4",
          with_element(above, F, "wrap_t", b"\1"), "TXF-S30"),
         ("texels_cut", "a field unit that ends after height", "5.5", with_units(base, lambda units: _cut(units, F, 6)),

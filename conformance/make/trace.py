@@ -32,7 +32,7 @@ def traced(data):
             (attributes.RangeDecoder, "escape", lambda rest, *_: setattr(trace, "escapes", max(trace.escapes, rest))),
             (attributes.RangeDecoder, "__init__", lambda _, reader, *__: readers.append(reader)),
             (attributes, "dequantise", lambda d, *_: setattr(trace, "differences", max(trace.differences, abs(d)))),
-            (neural.LatentLevel, "latents", lambda found, *_: setattr(trace, "empty", trace.empty or not any(found))),
+            (neural.LatentLevel, "latents", lambda rows, *_: setattr(trace, "empty", trace.empty or not any(rows))),
         ):
             stack.enter_context(patch.object(holder, name, _followed(getattr(holder, name), after)))
         decoder.decode(data)

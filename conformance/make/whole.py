@@ -56,18 +56,18 @@ def main(arguments=None):
     parser.add_argument("folder", type=Path)
     parser.add_argument("--write", action="store_true")
     args = parser.parse_args(arguments)
-    listed, found = json.loads(LIST.read_text(encoding="utf-8")) if LIST.is_file() else {}, {}
+    listed, cases = json.loads(LIST.read_text(encoding="utf-8")) if LIST.is_file() else {}, {}
     for name, make in MADE.items():
         data = make()
-        case = found[name] = case_of(data)
+        case = cases[name] = case_of(data)
         place = args.folder / name
         place.mkdir(parents=True, exist_ok=True)
         (place / "in.texf").write_bytes(data)
         (place / "case.json").write_text(json.dumps(listed.get(name, case), indent=1) + "\n", encoding="utf-8")
         print(f"{name}: {case['bytes']} bytes, {'as listed' if listed.get(name) == case else 'not as listed'}", flush=True)
     if args.write:
-        LIST.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    return 0 if args.write or found == listed else 7
+        LIST.write_text(json.dumps(cases, indent=1) + "\n", encoding="utf-8")
+    return 0 if args.write or cases == listed else 7
 
 
 if __name__ == "__main__":

@@ -17,17 +17,17 @@ class _Enough(Exception):
 
 def decisions(data):
     """[(kind, p in 2^-16 or None for a bypass, range, code, bit)] of the first DECISIONS bits of a stream's first codeword."""
-    found, kind = [], [""]
+    steps, kind = [], [""]
     split = attributes.RangeDecoder.split
 
     def watched(reader, bound, p=None):
         before = reader.range, reader.code
-        found.append((kind[0], p, *before, split(reader, bound)))
-        if len(found) == DECISIONS:
+        steps.append((kind[0], p, *before, split(reader, bound)))
+        if len(steps) == DECISIONS:
             raise _Enough
-        return found[-1][-1]
+        return steps[-1][-1]
 
-    def told(name, method):
+    def with_kind(name, method):
         def call(*arguments):
             kind[0] = f"{KINDS[name]} {arguments[-1]}" if name == "more" else KINDS[name]
             return method(*arguments)
@@ -40,12 +40,12 @@ def decisions(data):
         stack.enter_context(patch.object(attributes.RangeDecoder, "bypass", lambda reader: watched(reader, reader.range >> 1)))
         for bits in (attributes.DirectBits, mixing.MixedBits):
             for name in KINDS:
-                stack.enter_context(patch.object(bits, name, told(name, getattr(bits, name))))
+                stack.enter_context(patch.object(bits, name, with_kind(name, getattr(bits, name))))
         try:
             decoder.decode(data)
         except _Enough:
             pass
-    return found
+    return steps
 
 
 def worked(data, models):

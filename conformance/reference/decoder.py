@@ -23,7 +23,7 @@ from conformance.reference.edges import decode_marks, marked_edges
 from conformance.reference.neural import Neural, coarse_values, latent_keys
 from conformance.reference.normals import decode_normals
 from conformance.reference.syntax import CONSTANT, NEURAL, TEXELS, read_stream
-from conformance.reference.texels import asked_texels, whole_number
+from conformance.reference.texels import referenced_texels, whole_number
 from conformance.reference.voxels import active_voxels
 
 FLOAT32, UINT32, POSITION, TEX_COORD, GENERIC = 9, 6, 0, 3, 4  # Draco's own numbers
@@ -111,7 +111,7 @@ def decode_uv(unit, numbers):
 def field_keys(field, index, units, position_bits):
     """Clauses 6.4 and 6.5, with the check of num_keys and keys_crc."""
     if field["support"] == TEXELS:
-        keys = asked_texels(triangles_of_field(units, index, "uv"), field)
+        keys = referenced_texels(triangles_of_field(units, index, "uv"), field)
     else:
         keys = active_voxels(triangles_of_field(units, index), position_bits, field["resolution"], field["area_threshold"])
     require(len(keys) == field["num_keys"], f"{len(keys)} voxels or texels are there, num_keys is {field['num_keys']}")

@@ -50,7 +50,7 @@ def places(triangle, one):
     return [(i, j) for j in span[1] for i in span[0] if meet(triangle, i, j, one)]
 
 
-def asked_texels(triangles, field):
+def referenced_texels(triangles, field):
     """Clause 6.5.4: ascending Morton keys; triangles: corner triples of UVs; field: as clause 5.5 names its elements."""
     texels, one = set(), 1 << field["uv_fraction_bits"]
     for triangle in triangles:

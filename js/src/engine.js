@@ -265,8 +265,8 @@ function fieldOf(engine, said, field, i) {
 }
 
 /** @param {Engine} engine @param {any} said @returns {Neural|null} */
-function neuralOf(engine, {network: told, groups, fields}) {
-  if (!told) return null;
+function neuralOf(engine, {network, groups, fields}) {
+  if (!network) return null;
   /** @type {Object<string, number[]>} */
   const outputs = {};
   let output = 0;
@@ -279,12 +279,12 @@ function neuralOf(engine, {network: told, groups, fields}) {
     }
     output += components;
   }
-  const levels = told.levels.map((/** @type {any} */ level, /** @type {number} */ n) => ({
+  const levels = network.levels.map((/** @type {any} */ level, /** @type {number} */ n) => ({
     resolution: level.resolution, log2: level.log2,
     firstRows: fields.map((/** @type {any} */ _, /** @type {number} */ i) => level.first_rows[level.log2 > 0 ? 0 : i]),
     keys: level.log2 > 0 ? [] : fields.map((/** @type {any} */ _, /** @type {number} */ i) => new BigUint64Array(engine.array('latentKeys', i, n))),
   }));
-  return {features: told.features, octaves: told.octaves, firstWave: told.first_wave, widths: told.widths, levels, outputs,
+  return {features: network.features, octaves: network.octaves, firstWave: network.first_wave, widths: network.widths, levels, outputs,
     codes: new Uint8Array(engine.array('latents')), network: new Uint16Array(engine.array('network'))};
 }
 

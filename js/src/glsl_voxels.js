@@ -67,10 +67,10 @@ int substitute(int level, vec3 grid) {
       ivec3 voxel = ivec3(floor(grid)) + ivec3(q % 3, (q / 3) % 3, q / 9) - 1;
       vec3 away = vec3(voxel) + 0.5 - grid;
       float square = dot(away, away);
-      int found = square < least ? row_voxels(level, voxel, sizeOf(level)) : -1;
-      if (found < 0) continue;
+      int nearby = square < least ? row_voxels(level, voxel, sizeOf(level)) : -1;
+      if (nearby < 0) continue;
       least = square;
-      row = found;
+      row = nearby;
     }
     grid *= 0.5;
   }

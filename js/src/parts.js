@@ -9,7 +9,7 @@ const HEADER = 8, ATTRIBUTE = 4, CRC = 4, BITS = 31; // clause 5: unit_type of a
 /** Bytes of the attribute units of a stream, in its order; what is no stream has none, and the decoder says so.
  * @param {Uint8Array} bytes */
 function attributeBytes(bytes) {
-  const found = [];
+  const lengths = [];
   for (let at = HEADER; at < bytes.length;) {
     const type = bytes[at++];
     let length = 0;
@@ -17,10 +17,10 @@ function attributeBytes(bytes) {
       length += (bytes[at] & 127) * scale;
       more = bytes[at++] > 127;
     }
-    if (type === ATTRIBUTE) found.push(length);
+    if (type === ATTRIBUTE) lengths.push(length);
     at += length + CRC;
   }
-  return found;
+  return lengths;
 }
 
 /**

@@ -112,7 +112,7 @@ function codeOf(level, key) {
 /** Values of a plane on its own level and all above, Uint8Array [rows * components], and the number of rows.
  * @param {{values: Uint8Array, counts: Uint8Array|null, level: number}} plane @param {number} components @param {Tree} tree */
 export function pyramidOf({ values, counts, level }, components, { first, levels, parents }) {
-  const start = level - first, rows = levels.slice(start).reduce((sum, one) => sum + one.count, 0);
+  const start = level - first, rows = levels.slice(start).reduce((sum, below) => sum + below.count, 0);
   const out = new Uint8Array(rows * components);
   out.set(values.subarray(0, levels[start].count * components));
   let sums = /** @type {ArrayLike<number>} */ (values), weights = /** @type {ArrayLike<number>|null} */ (counts), at = levels[start].count * components;

@@ -151,9 +151,9 @@ export class TEXFLoader extends Loader {
 /** @param {string} url @param {unknown} error @param {AbortSignal} signal */
 function notFetched(url, error, signal) {
   if (signal.aborted || (/** @type {any} */ (error))?.name === 'AbortError') return new TexfError('aborted', 'loading was aborted');
-  const told = new TexfError('network', `${url} cannot be fetched: ${error instanceof Error ? error.message : error}`);
-  told.cause = error;
-  return told;
+  const failure = new TexfError('network', `${url} cannot be fetched: ${error instanceof Error ? error.message : error}`);
+  failure.cause = error;
+  return failure;
 }
 
 export {TexfError};
@@ -179,7 +179,7 @@ export function disposeGroup(group) {
 export function groupOf(asset) {
   const group = new Group(), textures = new TextureCache();
   group.position.fromArray(asset.origin);
-  group.userData = {metadata: asset.metadata, textures: textures.made, isNeural: asset.neural !== null,
+  group.userData = {metadata: asset.metadata, textures: textures.created, isNeural: asset.neural !== null,
     fields: asset.fields.map(({planar, resolution, width, height, keys}) => ({planar, size: planar ? [width, height] : [resolution], cells: keys.length}))};
   for (const unit of asset.units) {
     const material = asset.materials[unit.material], field = asset.fields[unit.field];
@@ -202,18 +202,18 @@ function geometryOf({positions, indices, normals, uvs}) {
   const index = new Uint32Array(indices.length), vertex = /** @type {number[]} */ ([]), corner = /** @type {number[]} */ ([]);
   for (let i = 0; i < indices.length; i++) {
     const v = indices[i];
-    let found = seen[v];
+    let twin = seen[v];
     const same = (/** @type {number} */ a) => normals[3 * corner[a]] === normals[3 * i] && normals[3 * corner[a] + 1] === normals[3 * i + 1]
       && normals[3 * corner[a] + 2] === normals[3 * i + 2];
-    while (found >= 0 && !same(found)) found = next[found];
-    if (found < 0) {
-      found = vertex.length;
-      next[found] = seen[v];
-      seen[v] = found;
+    while (twin >= 0 && !same(twin)) twin = next[twin];
+    if (twin < 0) {
+      twin = vertex.length;
+      next[twin] = seen[v];
+      seen[v] = twin;
       vertex.push(v);
       corner.push(i);
     }
-    index[i] = found;
+    index[i] = twin;
   }
   const gathered = (/** @type {Float32Array} */ from, /** @type {number[]} */ places, /** @type {number} */ size) => {
     const out = new Float32Array(places.length * size);
@@ -276,20 +276,20 @@ function standardMaterial(material) {
   const {parameters} = material, number = (/** @type {string} */ name, /** @type {number} */ otherwise) => parameters[name]?.[0] ?? otherwise;
   const names = [...Object.keys(PHYSICAL), ...Object.keys(PHYSICAL_COLOURS)];
   const physical = names.some((name) => name in parameters || material.channels.includes(name));
-  const made = physical ? new MeshPhysicalMaterial() : new MeshStandardMaterial();
+  const standard = physical ? new MeshPhysicalMaterial() : new MeshStandardMaterial();
   const colour = (/** @type {string} */ name) => new Color().setRGB(.../** @type {[number, number, number]} */ (parameters[name] ?? [0, 0, 0]), LinearSRGBColorSpace);
-  made.roughness = number('roughness', 1);
-  made.metalness = number('metallic', 1);
-  made.aoMapIntensity = number('occlusion_strength', 1);
-  made.emissive = colour('emissive');
-  made.emissiveIntensity = number('emissive_strength', 1);
-  if (made instanceof MeshPhysicalMaterial) {
-    for (const [name, property] of Object.entries(PHYSICAL)) if (name in parameters) /** @type {any} */ (made)[property] = parameters[name][0];
-    for (const [name, property] of Object.entries(PHYSICAL_COLOURS)) if (name in parameters) /** @type {any} */ (made)[property] = colour(name);
-    if ('sheen_colour' in parameters) made.sheen = 1;
-    made.iridescenceThicknessRange = [number('iridescence_thickness_minimum', 100), number('iridescence_thickness_maximum', 400)];
+  standard.roughness = number('roughness', 1);
+  standard.metalness = number('metallic', 1);
+  standard.aoMapIntensity = number('occlusion_strength', 1);
+  standard.emissive = colour('emissive');
+  standard.emissiveIntensity = number('emissive_strength', 1);
+  if (standard instanceof MeshPhysicalMaterial) {
+    for (const [name, property] of Object.entries(PHYSICAL)) if (name in parameters) /** @type {any} */ (standard)[property] = parameters[name][0];
+    for (const [name, property] of Object.entries(PHYSICAL_COLOURS)) if (name in parameters) /** @type {any} */ (standard)[property] = colour(name);
+    if ('sheen_colour' in parameters) standard.sheen = 1;
+    standard.iridescenceThicknessRange = [number('iridescence_thickness_minimum', 100), number('iridescence_thickness_maximum', 400)];
   }
-  return made;
+  return standard;
 }
 
 /** The maps that a material has of a field, of those that its kind of material takes; normals over voxels are deviations in object space.
@@ -306,7 +306,7 @@ function mapsOf(to, material, {planar, planes}) {
 class TextureCache {
   constructor() {
     /** @type {import('three').Texture[]} */
-    this.made = [];
+    this.created = [];
     /** @type {Map<string, any>} */
     this.known = new Map();
   }
@@ -314,9 +314,9 @@ class TextureCache {
   /** @template T @param {string} key @param {() => T} make @returns {T} */
   get(key, make) {
     if (!this.known.has(key)) {
-      const found = /** @type {any} */ (make());
-      this.known.set(key, found);
-      if (found?.isTexture) this.made.push(found);
+      const value = /** @type {any} */ (make());
+      this.known.set(key, value);
+      if (value?.isTexture) this.created.push(value);
     }
     return this.known.get(key);
   }
@@ -359,15 +359,15 @@ function texture(field, four, channels, size, isColour) {
   const fitting = four.map((plane) => plane?.image?.width === size.width && plane.image.height === size.height ? plane : undefined);
   const pixels = interleaved(fitting, componentsOf(channels), (plane) => /** @type {any} */ (plane.image).data, size.width * size.height);
   if (channels.some((name) => name?.endsWith('normal'))) withZ(pixels);
-  const made = new DataTexture(pixels, size.width, size.height, RGBAFormat, UnsignedByteType);
-  [made.wrapS, made.wrapT] = field.wrap.map((wrap) => WRAPS[wrap]);
-  made.colorSpace = isColour ? SRGBColorSpace : NoColorSpace;
-  made.magFilter = LinearFilter;
-  made.minFilter = LinearMipmapLinearFilter;
-  made.generateMipmaps = true;
-  made.anisotropy = 16;
-  made.needsUpdate = true;
-  return made;
+  const image = new DataTexture(pixels, size.width, size.height, RGBAFormat, UnsignedByteType);
+  [image.wrapS, image.wrapT] = field.wrap.map((wrap) => WRAPS[wrap]);
+  image.colorSpace = isColour ? SRGBColorSpace : NoColorSpace;
+  image.magFilter = LinearFilter;
+  image.minFilter = LinearMipmapLinearFilter;
+  image.generateMipmaps = true;
+  image.anisotropy = 16;
+  image.needsUpdate = true;
+  return image;
 }
 
 /** The third component of tangent space normals, from the first two.
@@ -463,9 +463,9 @@ function voxelMaps(to, material, field, number, asset, cache) {
   };
   const tree = cache.get(`${number} tree`, () => levelsOf({...bricksOf(field.keys), first: 0, depth: last}));
   const lookUp = cache.get(`${number} look-up`, () => lookUpOf(tree));
-  const look = (/** @type {'table'|'bits'} */ part) => cache.get(`${number} ${part}`, () => tableTexture(lookUp[part], 2, RGIntegerFormat, 'RG32UI'));
+  const lookUpPart = (/** @type {'table'|'bits'} */ part) => cache.get(`${number} ${part}`, () => tableTexture(lookUp[part], 2, RGIntegerFormat, 'RG32UI'));
   const uniforms = /** @type {Object<string, {value: any}>} */ ({
-    u_voxels_table: {value: look('table')}, u_voxels_bits: {value: look('bits')}, u_voxels_log2: {value: lookUp.log2},
+    u_voxels_table: {value: lookUpPart('table')}, u_voxels_bits: {value: lookUpPart('bits')}, u_voxels_log2: {value: lookUp.log2},
     u_size: {value: cells}, u_last: {value: last},
     texfScale: {value: asset.side > 0 ? (1 - 2 ** -asset.positionBits) * field.resolution / size / asset.side : 0},
     texfCubes: {get value() { return Boolean(to.userData.cubes); }},
@@ -487,14 +487,14 @@ function voxelMaps(to, material, field, number, asset, cache) {
       .replace('#include <begin_vertex>', '#include <begin_vertex>\nvTexfPlace = position * texfScale;\nvTexfNormal = normal;')
       .replace('#include <project_vertex>', `#include <project_vertex>
 vTexfWide = vec3(gl_Position.yw, gl_Position.w / projectionMatrix[1][1] * texfScale / length(modelViewMatrix[0].xyz));`);
-    shader.fragmentShader = asked(shader.fragmentShader, glsl, answers);
+    shader.fragmentShader = withSamplers(shader.fragmentShader, glsl, answers);
   };
   to.customProgramCacheKey = () => `texf ${JSON.stringify(answers)} ${network ? glsl : count}`;
 }
 
 /** A fragment shader of three.js that gets values of texfAsk() where it would read its maps.
  * @param {string} shader @param {string} glsl @param {Object<string, string>} answers */
-function asked(shader, glsl, answers) {
+function withSamplers(shader, glsl, answers) {
   const defines = Object.keys(answers).filter((property) => property !== 'clearcoatNormalMap').map((property) => `#define ${DEFINES[property] ?? `USE_${property.toUpperCase()}`}`);
   let text = shader.replace('#include <map_fragment>', 'texfAsk();\n#include <map_fragment>').replace('#include <common>', `#include <common>\n${glsl}`);
   const included = /^[ \t]*#include +<([\w./]+)>/gm, chunks = /** @type {Object<string, string>} */ (ShaderChunk);

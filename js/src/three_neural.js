@@ -29,10 +29,10 @@ export function networkOf(neural, number, kept) {
   levels.forEach(({log2, firstRows, keys}, n) => {
     uniforms[`u_first_${n}`] = {value: firstRows[number]};
     if (log2 > 0) return;
-    const found = kept(`${number} latents ${n}`, () => lookUpOf(levelsOf({...bricksOf(keys[number]), first: 0, depth: 0})));
-    const texture = (/** @type {'table'|'bits'} */ part) => kept(`${number} latents ${n} ${part}`, () => tableTexture(found[part], 2, RGIntegerFormat, 'RG32UI'));
+    const lookUp = kept(`${number} latents ${n}`, () => lookUpOf(levelsOf({...bricksOf(keys[number]), first: 0, depth: 0})));
+    const texture = (/** @type {'table'|'bits'} */ part) => kept(`${number} latents ${n} ${part}`, () => tableTexture(lookUp[part], 2, RGIntegerFormat, 'RG32UI'));
     Object.assign(uniforms, {[`u_latents${n}_table`]: {value: texture('table')}, [`u_latents${n}_bits`]: {value: texture('bits')},
-      [`u_latents${n}_log2`]: {value: found.log2}});
+      [`u_latents${n}_log2`]: {value: lookUp.log2}});
   });
   const store = () => `uniform highp sampler2D u_network;
 mat4 matrixAt(int i) {

@@ -15,9 +15,9 @@ export function tableTexture(rows, size, format, internal) {
   const Type = /** @type {new (length: number) => T} */ (rows.constructor), data = new Type(size * width * height);
   data.set(rows);
   const type = rows instanceof Float32Array ? FloatType : rows instanceof Uint8Array ? UnsignedByteType : UnsignedIntType;
-  const made = new DataTexture(/** @type {any} */ (data), width, height, format, type);
-  made.internalFormat = internal;
-  made.minFilter = made.magFilter = NearestFilter;
-  made.needsUpdate = true;
-  return made;
+  const table = new DataTexture(/** @type {any} */ (data), width, height, format, type);
+  table.internalFormat = internal;
+  table.minFilter = table.magFilter = NearestFilter;
+  table.needsUpdate = true;
+  return table;
 }

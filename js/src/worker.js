@@ -3,11 +3,11 @@
 import {TexfError, decodeWith} from './engine.js';
 
 /** All buffers of a decoded asset, which go to the page without a copy.
- * @param {any} value @param {Set<ArrayBuffer>} found */
-function buffersOf(value, found = new Set()) {
-  if (ArrayBuffer.isView(value)) found.add(/** @type {ArrayBuffer} */ (value.buffer));
-  else if (value && typeof value === 'object') Object.values(value).forEach((part) => buffersOf(part, found));
-  return found;
+ * @param {any} value @param {Set<ArrayBuffer>} buffers */
+function buffersOf(value, buffers = new Set()) {
+  if (ArrayBuffer.isView(value)) buffers.add(/** @type {ArrayBuffer} */ (value.buffer));
+  else if (value && typeof value === 'object') Object.values(value).forEach((part) => buffersOf(part, buffers));
+  return buffers;
 }
 
 /** @param {any} job @param {(answer: any, transferred: ArrayBuffer[]) => void} answer */

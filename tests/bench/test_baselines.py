@@ -200,27 +200,27 @@ def material_sheet(**maps):
 
 
 def test_maps_are_packed_as_gltf_packs_them():
-    from tools.bench.methods.sheets import COLOUR, DATA, NORMAL, map_sheets
+    from tools.bench.methods.packed_maps import COLOUR, DATA, NORMAL, pack_maps
 
     scene = material_sheet(occlusion=1, roughness=0, metallic=1, normal=2, emissive=1)
-    sheets, placed = map_sheets(scene)
-    assert [(s.names, s.kind) for s in sheets] == [(("occlusion", "roughness", "metallic"), DATA), (("normal",), NORMAL),
+    packed, placed = pack_maps(scene)
+    assert [(s.names, s.kind) for s in packed] == [(("occlusion", "roughness", "metallic"), DATA), (("normal",), NORMAL),
                                                    (("emissive",), COLOUR)]
     assert placed == [{"occlusion": 0, "roughness": 0, "metallic": 0, "normal": 1, "emissive": 2}]
     images = [t.image for t in scene.textures]
-    np.testing.assert_array_equal(sheets[0].image[..., :3], np.dstack([images[1][..., 0], images[0][..., 1], images[1][..., 2]]))
-    assert (sheets[0].image[..., 3] == 255).all()
-    np.testing.assert_array_equal(sheets[1].image, images[2])
+    np.testing.assert_array_equal(packed[0].image[..., :3], np.dstack([images[1][..., 0], images[0][..., 1], images[1][..., 2]]))
+    assert (packed[0].image[..., 3] == 255).all()
+    np.testing.assert_array_equal(packed[1].image, images[2])
     scene.textures[0] = Texture(images[0][:16])
-    assert [s.names for s in map_sheets(scene)[0]][:2] == [("occlusion", "metallic"), ("roughness",)]  # of one size no more
+    assert [s.names for s in pack_maps(scene)[0]][:2] == [("occlusion", "metallic"), ("roughness",)]  # of one size no more
     scene.materials.append(Material("unused", maps={"clearcoat": 1}))
-    assert len(map_sheets(scene)[0]) == 4
+    assert len(pack_maps(scene)[0]) == 4
     with pytest.raises(ValueError, match="UVs of their own"):
-        map_sheets(dataclasses.replace(scene, map_uv={"normal": scene.corner_uv}))
+        pack_maps(dataclasses.replace(scene, map_uv={"normal": scene.corner_uv}))
 
 
 def test_two_components_hold_a_normal_map():
-    from tools.bench.methods.sheets import three_components, two_components
+    from tools.bench.methods.packed_maps import three_components, two_components
 
     image = material_sheet().textures[2].image
     packed = two_components(image)

@@ -8,7 +8,7 @@ import pytest
 from shapes import crossing_sheets, painted_sphere, sphere
 
 from texfcodec.geometry.tangents import corner_tangents
-from texfcodec.metrics.views import Look, compare_views
+from texfcodec.metrics.views import ViewSettings, compare_views
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.report import Report
 from texfcodec.scene.scene import Material, Scene, Texture
@@ -97,7 +97,8 @@ def test_maps_that_tangents_turn_over_are_turned_back_and_look_the_same(hand, is
     scene = bumpy_sphere(hand)
     turned = draco_mesh.upright(scene)
     assert (turned is scene) != is_turned
-    psnr = compare_views(scene, replace(turned, corner_tangent=None), 2, 64, look=Look(environment=DAYLIGHT))["psnr"]["y"]
+    lit = ViewSettings(environment=DAYLIGHT)
+    psnr = compare_views(scene, replace(turned, corner_tangent=None), 2, 64, settings=lit)["psnr"]["y"]
     assert psnr is None or psnr > 50
 
 
@@ -107,7 +108,7 @@ def coded(scene, folder, **options):
     options = {"codec": "jpeg", "quality": 90, "chroma": "best", "maps": "all", "uv_bits": 12, **options}
     facts = json.loads(json.dumps(find("uv").encode(scene, options, folder, 1, Report())))
     decoded = find("uv").decode(folder, options, 1, Report())
-    return facts, decoded, compare_views(scene, decoded, 2, 64, look=Look(environment=DAYLIGHT))["psnr"]["y"]
+    return facts, decoded, compare_views(scene, decoded, 2, 64, settings=ViewSettings(environment=DAYLIGHT))["psnr"]["y"]
 
 
 def test_every_attribute_is_paid_for_and_finer_ones_look_better(tmp_path):

@@ -102,7 +102,7 @@ def test_decoder_without_the_plug_in_names_it(install, monkeypatch):
         assert raised.value.code == "TXF-U07" and "'toy'" in str(raised.value) and raised.value.exit_code == 5
 
 
-def test_strangers_of_one_id_are_told_apart_by_name(install):
+def test_plugins_of_one_id_are_told_apart_by_name(install):
     other = TOY.replace('"toy"', '"other"').replace("Toy", "Other").replace("decoded.tobytes()", "decoded.tobytes()[::-1]")
     other = other.replace('np.frombuffer(data, np.uint8)', 'np.frombuffer(data, np.uint8)[::-1]')
     install({"toy": "toy_package:Toy"}, toy_package=TOY)
@@ -159,14 +159,14 @@ def test_joint_plug_in_answers_points(install):
 def bench(tmp_path_factory):
     """A folder with both plug-ins and a mesh, and what runs a tool there: call("enc", ...) -> CompletedProcess."""
     folder = tmp_path_factory.mktemp("bench")
-    write_plugin(folder / "strangers", {"toy": "toy_package:Toy", "tint": "tint_package:Tinted"}, toy_package=TOY,
+    write_plugin(folder / "plugins", {"toy": "toy_package:Toy", "tint": "tint_package:Tinted"}, toy_package=TOY,
                  tint_package=JOINT)
     corners, faces = square()
     lines = [f"v {x} {y} {z} {x} {y} 0.5" for x, y, z in corners] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
     (folder / "in.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
     def call(tool, *arguments, plugins=True):
-        paths = [str(REPOSITORY), *([str(folder / "strangers")] if plugins else [])]
+        paths = [str(REPOSITORY), *([str(folder / "plugins")] if plugins else [])]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
         return subprocess.run([sys.executable, "-m", f"texfcodec.cli.{tool}", *map(str, arguments)], cwd=folder, env=environment,
                               capture_output=True, text=True, check=False)
@@ -202,13 +202,13 @@ def test_isolated_joint_plug_in_answers_as_the_plain_one(bench):
     program = ("from texfcodec import DecodeOptions, decode; a = decode('both.texf', DecodeOptions(isolate=True)); "
                "b = decode('both.texf'); p = b.positions; assert a.query(p).tobytes() == b.query(p).tobytes() and len(p) == 4; "
                "assert a.codec.name == b.codec.name == 'tint'")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(bench.folder / "strangers")])}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(bench.folder / "plugins")])}
     done = subprocess.run([sys.executable, "-c", program], cwd=bench.folder, env=environment, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr.decode()
 
 
 def test_report_of_a_plug_in_that_fails_says_its_name_on_the_command_line(bench):
-    broken = bench.folder / "strangers" / "toy_broken.py"
+    broken = bench.folder / "plugins" / "toy_broken.py"
     write_plugin(bench.folder / "broken", {"toy_broken": "toy_broken:Toy"}, toy_broken="raise OSError('no such model')")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(bench.folder / "broken")])}
     command = [sys.executable, "-m", "texfcodec.cli.enc", "in.obj", "x.texf", "--codec"]

@@ -17,7 +17,7 @@ CONSTANT = codec_of("constant")
 VEIL = Material("veil", alpha_mode=ALPHA_BLEND)
 
 
-def one_colour(alpha=1.0):
+def uniform_sphere(alpha=1.0):
     """A sphere in one colour, of one alpha."""
     positions, faces = sphere()
     colours = np.tile(np.array([0.5, 0.2, 0.05, alpha], np.float32), (len(positions), 1))
@@ -75,7 +75,7 @@ def test_what_is_coded_comes_back_at_every_level(value):
 
 @pytest.mark.parametrize("choices", [{"qp": 40}, {"lossless": True}, {"max_error": 3}, {"qp": 20, "refine": "fit"}])
 def test_asset_of_one_colour_is_exact(choices):
-    scene = one_colour()
+    scene = uniform_sphere()
     data = encode(scene, EncodeOptions(resolution=32, **choices))
     exact = decode(as_asked(scene, EncodeOptions(resolution=32, lossless=True)))
     assert codecs_of(data) == ["constant"]
@@ -85,7 +85,7 @@ def test_asset_of_one_colour_is_exact(choices):
 
 @pytest.mark.parametrize("lod", range(8))
 def test_levels_of_detail_have_the_same_value(lod):
-    data = encode(one_colour(0.4), EncodeOptions(resolution=33, qp=30))
+    data = encode(uniform_sphere(0.4), EncodeOptions(resolution=33, qp=30))
     assert codecs_of(data) == ["constant", "constant"]
     (whole,), (part,) = decode(data).fields, decode(data, DecodeOptions(lod=lod)).fields
     assert np.array_equal(part.keys, whole.support.coarser(lod).keys)
@@ -103,7 +103,7 @@ def test_constant_alpha_stands_beside_coded_colour():
 
 
 def test_one_colour_makes_the_attributes_a_few_bytes():
-    scene, options = one_colour(), EncodeOptions(resolution=128, qp=28)
+    scene, options = uniform_sphere(), EncodeOptions(resolution=128, qp=28)
     ours = encode_to_result(scene, options).sizes
     with patch("texfcodec.encoder.values.coder.codec_for", lambda plane, asked: asked):
         before = encode_to_result(scene, options).sizes
@@ -112,10 +112,10 @@ def test_one_colour_makes_the_attributes_a_few_bytes():
 
 
 def test_points_of_a_constant_field_have_its_colour():
-    texf = decode(encode(one_colour(0.4), EncodeOptions(resolution=32, qp=30)))
+    texf = decode(encode(uniform_sphere(0.4), EncodeOptions(resolution=32, qp=30)))
     (field,) = texf.fields
     assert (texf.query(texf.positions) == field.rgba[0]).all()
-    coarse = decode(encode(one_colour(), EncodeOptions(resolution=32, qp=30)), DecodeOptions(lod=3))
+    coarse = decode(encode(uniform_sphere(), EncodeOptions(resolution=32, qp=30)), DecodeOptions(lod=3))
     assert (coarse.query(coarse.positions) == [*coarse.fields[0].rgba[0, :3], 255]).all()
 
 

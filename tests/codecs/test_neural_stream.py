@@ -275,5 +275,5 @@ def test_decoding_and_asking_load_neither_torch_nor_the_fit():
     modules, _ = modules_after("from pathlib import Path; from texfcodec import decode; "
                                f"texf = decode(Path({path!r}).read_bytes()); assert texf.query(texf.positions).any()")
     fitting = (f"texfcodec.codecs.neural.{name}" for name in ("fit", "train", "samples", "design"))
-    strangers = {"torch", "texfcodec.encoder.encode", *fitting}
-    assert "texfcodec.codecs.neural.infer" in modules and strangers.isdisjoint(modules)
+    foreign = {"torch", "texfcodec.encoder.encode", *fitting}
+    assert "texfcodec.codecs.neural.infer" in modules and foreign.isdisjoint(modules)

@@ -2,13 +2,13 @@
 
 import pytest
 
-from conformance.make.promise import broken, found, promised, renewed
+from conformance.make.promise import broken, current, promised, renewed
 
 OLD = {"subset/a": ["1", "2"], "subset/b": ["3", "4"]}
 
 
 def test_every_stream_that_decodes_is_promised_and_as_it_was():
-    assert promised() == found() and len(found()) > 150
+    assert promised() == current() and len(current()) > 150
 
 
 @pytest.mark.parametrize("new, said", [({"subset/a": ["1", "2"]}, "subset/b is gone"),

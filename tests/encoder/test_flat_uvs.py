@@ -39,7 +39,7 @@ def strips(tangent=(0.0, 1.0, 0.0, 1.0), flat=True):
 def shown(scene_or_texf, maps, faces):
     """Normals that light sees at the middle of faces, float32 [N, 3]."""
     bary = np.full((len(faces), 3), 1 / 3)
-    texel = maps.asker(None, 0, {"normal"}, False)({"normal"}, faces, bary, None)["normal"]
+    texel = maps.sampler(None, 0, {"normal"}, False)({"normal"}, faces, bary, None)["normal"]
     normal = maps.corner_normal[faces].mean(axis=1)
     return tangent_space_normals(texel, 1.0, normal, maps.tangents("normal", faces, bary), np.zeros_like(normal))
 

@@ -107,7 +107,7 @@ def check_bound(channels, options):
 def expected_levels(part, count, parts, options):
     """(levels [count, 4], columns that are bound, most difference), or None where nothing is claimed."""
     lossless, alone = "lossless" in options, parts == 1
-    if part.is_plain and (alone or lossless):
+    if part.is_uniform and (alone or lossless):
         return np.tile(part.levels[0], (count, 1)), [0, 1, 2], 1.0
     by_texels = options.get("support") == "texels" and "texel_size" not in options
     if part.kind == "palette" and by_texels and (lossless or "rate" in options):

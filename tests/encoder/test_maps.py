@@ -11,7 +11,7 @@ from texfcodec.codecs.base import Group
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.encoder.supports.image_groups import image_groups
 from texfcodec.encoder.values.map_planes import groups_of, joined, with_grey
-from texfcodec.encoder.values.shown_maps import turn_of, turned
+from texfcodec.encoder.values.shown_maps import frame_rotation, rotate_xy
 from texfcodec.field.texels import TexelSupport
 from texfcodec.geometry.shading_normals import corner_normals
 from texfcodec.geometry.surface import make_surface
@@ -226,22 +226,22 @@ def quarter(tangent, normal):
 def test_normal_maps_are_turned_from_the_files_frame_into_the_decoders(change, expected):
     scene = with_tangents(mapped_sheet({"normal": smooth(32, 32)}, wrap=CLAMPED), change)
     surface = make_surface(scene, EncodeOptions())
-    turn = turn_of(scene, surface, np.arange(len(surface.faces)))
+    rotation = frame_rotation(scene, surface, np.arange(len(surface.faces)))
     part = coded(scene).fields[0]
     xy = part.support.xy()
     values = values_of_map("normal", scene.textures[1].image)[xy[:, 1], xy[:, 0]]
     if expected is None:
-        assert turn is None
+        assert rotation is None
     else:
-        np.testing.assert_allclose(turn, expected, atol=0.02)
-        assert np.abs(turned(values, turn) - values).max() > 50
-    assert np.abs(part.planes["normal"] - turned(values, None if expected is None else np.array(expected, float))).max() < 3
+        np.testing.assert_allclose(rotation, expected, atol=0.02)
+        assert np.abs(rotate_xy(values, rotation) - values).max() > 50
+    assert np.abs(part.planes["normal"] - rotate_xy(values, None if expected is None else np.array(expected, float))).max() < 3
 
 
 def test_tangents_that_say_nothing_leave_the_map_as_it_is():
     scene = with_tangents(mapped_sheet({"normal": smooth(32, 32)}, wrap=CLAMPED), lambda t, n: 0 * t)
     surface = make_surface(scene, EncodeOptions())
-    assert turn_of(scene, surface, np.arange(0)) is None
+    assert frame_rotation(scene, surface, np.arange(0)) is None
     xy = (part := coded(scene).fields[0]).support.xy()
     values = values_of_map("normal", scene.textures[1].image)[xy[:, 1], xy[:, 0]]
     assert np.abs(part.planes["normal"] - values).max() < 0.51

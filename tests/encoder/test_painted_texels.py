@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_turned_maps import grid
+from test_rotated_maps import grid
 
 from texfcodec import EncodeOptions, decode
 from texfcodec.encoder.encode import encode_scene
@@ -12,7 +12,7 @@ from texfcodec.scene.fetch import pack_source, sample_source
 
 
 def painted(shared=False, textured=True):
-    """The plane of test_turned_maps, its vertices red on the left and green on the right."""
+    """The plane of test_rotated_maps, its vertices red on the left and green on the right."""
     scene, _ = grid(shared=shared)
     right = scene.positions[scene.faces][:, :, :1] / 8
     scene.corner_color = np.concatenate([1 - right, right, 0.3 + 0 * right, 1 + 0 * right], axis=2).astype(np.float32)

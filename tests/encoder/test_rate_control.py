@@ -31,7 +31,7 @@ from texfcodec.encoder.search import (
 )
 from texfcodec.encoder.write import write
 from texfcodec.metrics.psnr_3d import measure
-from texfcodec.metrics.views import Look, compare_views
+from texfcodec.metrics.views import ViewSettings, compare_views
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.scene.scene import ALPHA_BLEND, Material, Scene, Texture
 
@@ -92,10 +92,10 @@ def test_quality_is_met_and_hardly_exceeded(ribbon, target):
     assert target <= again["y"] <= target + OVER and math.isclose(again["y"], encoded.psnr_3d["y"])
 
 
-@pytest.mark.parametrize("of, look", [("flat", Look()), ("lit", Look(environment=DAYLIGHT))])
-def test_quality_may_be_that_of_pictures(sheet, of, look):
+@pytest.mark.parametrize("of, settings", [("flat", ViewSettings()), ("lit", ViewSettings(environment=DAYLIGHT))])
+def test_quality_may_be_that_of_pictures(sheet, of, settings):
     encoded = encode_to_target(sheet, EncodeOptions(target_psnr=34.0, target_psnr_of=of), Report())
-    seen = compare_views(sheet, decode(encoded.data), VIEWS, SIZE, look=look)
+    seen = compare_views(sheet, decode(encoded.data), VIEWS, SIZE, settings=settings)
     assert 34.0 <= seen["psnr"]["y"] <= 34.15
     assert all(row["psnr_of"] == of for row in encoded.choices["search"])
 

@@ -14,7 +14,7 @@ from texfcodec.core.integer import _isqrt
 from texfcodec.field.grid import build_brick_map
 from texfcodec.field.morton import decode_morton
 from texfcodec.field.query import query_field
-from texfcodec.field.texel_set import asked_texels
+from texfcodec.field.texel_set import referenced_texels
 from texfcodec.field.texels import TexelSupport
 from texfcodec.field.transfer import transfer
 from texfcodec.field.voxelise import voxelise
@@ -133,7 +133,7 @@ def beside(draw: Draws, value: float) -> float:
 
 
 @case("voxels asked on boundaries", 0.01, "levels", seeds=40)
-def asked_voxels(draw: Draws) -> float:
+def queried_voxels(draw: Draws) -> float:
     """Error in levels of an answer at faces, edges, corners and centres of voxels and an ulp beside them.
     Stress: answers on faces, edges, corners and centres of voxels and an ulp beside them
     Bound: The clause allows 0.01 (8.2): weights are products of binary64 differences, off by 2^-50, and the answer is rounded
@@ -157,7 +157,7 @@ def support_of(draw: Draws, corners: np.ndarray, size: tuple, fraction: int) -> 
     """(TexelSupport of one face, its field as the oracle takes it)."""
     wrap = draw.integer(0, 2), draw.integer(0, 2)
     field = {"width": size[0], "height": size[1], "wrap_s": wrap[0], "wrap_t": wrap[1], "uv_fraction_bits": fraction}
-    keys = asked_texels(corners, np.array([[0, 1, 2]]), fraction, size, wrap)
+    keys = referenced_texels(corners, np.array([[0, 1, 2]]), fraction, size, wrap)
     return TexelSupport(keys=keys, width=size[0], height=size[1], wrap=wrap, fraction_bits=fraction), field
 
 
@@ -175,7 +175,7 @@ def texel_face(draw: Draws) -> tuple[np.ndarray, tuple, int]:
 
 
 @case("texels on boundaries", 0, "texels that differ", seeds=40)
-def asked_of_texels(draw: Draws) -> float:
+def texels_of_one_face(draw: Draws) -> float:
     """Texels that are asked and should not be, or the other way round.
     Stress: faces on corners, sides and centres of texels, tiled, mirrored, lines and points
     Bound: The columns of a row are quotients of integers below 2^57 (6.5), rounded the way that leaves the border of the open
@@ -183,7 +183,7 @@ def asked_of_texels(draw: Draws) -> float:
     """
     corners, size, fraction = texel_face(draw)
     support, field = support_of(draw, corners, size, fraction)
-    return float(len(set(support.keys.tolist()) ^ set(naive.asked_texels([corners.tolist()], field))))
+    return float(len(set(support.keys.tolist()) ^ set(naive.referenced_texels([corners.tolist()], field))))
 
 
 @case("texels asked on boundaries", 0.01, "levels", seeds=40)

@@ -12,7 +12,7 @@ from texfcodec.errors import LimitError, StreamError
 from texfcodec.field import texel_set
 from texfcodec.field.morton import decode_morton
 from texfcodec.field.on_face import texel_positions
-from texfcodec.field.texel_set import MAX_UV, asked_texels, count_rows
+from texfcodec.field.texel_set import MAX_UV, count_rows, referenced_texels
 from texfcodec.field.texels import TexelSupport, texels_are_sound
 from texfcodec.geometry import draco
 from texfcodec.geometry.draco import UvCoding, counts_of, dec_textured, enc_textured
@@ -25,13 +25,13 @@ ID = lambda wrap: "-".join(WRAP_NAMES[w] for w in wrap)
 def oracle(uv, faces, fraction, size, wrap):
     """What the naive decoder makes of the same surface."""
     field = {"width": size[0], "height": size[1], "wrap_s": wrap[0], "wrap_t": wrap[1], "uv_fraction_bits": fraction}
-    return naive.asked_texels([[tuple(map(int, uv[v])) for v in face] for face in faces], field)
+    return naive.referenced_texels([[tuple(map(int, uv[v])) for v in face] for face in faces], field)
 
 
 def agree(uv, faces, fraction, size, wrap):
     """Asserts that kernel and oracle ask the same texels; returns how many."""
     uv, faces = np.asarray(uv, np.int64), np.asarray(faces, np.int64)
-    ours = asked_texels(uv, faces, fraction, size, wrap)
+    ours = referenced_texels(uv, faces, fraction, size, wrap)
     assert ours.tolist() == oracle(uv, faces, fraction, size, wrap), (uv.tolist(), fraction, size, wrap)
     return len(ours)
 
@@ -40,7 +40,7 @@ def agree(uv, faces, fraction, size, wrap):
 
 
 @pytest.mark.parametrize("wrap", WRAPS, ids=ID)
-def test_asked_texels_are_those_of_separating_axes_on_random_faces(wrap):
+def test_referenced_texels_are_those_of_separating_axes_on_random_faces(wrap):
     rng = np.random.default_rng(WRAPS.index(wrap))
     for size in ((1, 1), (5, 3), (8, 8), (1, 13), (17, 1), (2, 7)):
         for fraction in (0, 1, 3, 8):
@@ -51,7 +51,7 @@ def test_asked_texels_are_those_of_separating_axes_on_random_faces(wrap):
 
 
 @pytest.mark.parametrize("wrap", WRAPS, ids=ID)
-def test_asked_texels_of_points_and_lines(wrap):
+def test_referenced_texels_of_points_and_lines(wrap):
     size, one = (6, 5), 1 << 2
     for at in ((0, 0), (2, 2), (4, 4), (4, 6), (24, 20), (-4, 9), (-2, -6), (1, 3)):  # corners, centres and sides of texels
         agree([at, at, at], [[0, 1, 2]], 2, size, wrap)
@@ -80,13 +80,13 @@ def test_a_face_as_large_as_a_unit_may_be_fills_a_tiled_image():
     most = (1 << draco.MAX_UV_BITS) - 1
     uv, faces = np.array([[0, 0], [most, 0], [0, most]]) - (1 << 25) + 1, np.array([[0, 1, 2]])
     for wrap, count in (((0, 0), 77), ((2, 2), 77), ((1, 1), 1), ((0, 1), 11), ((1, 2), 7)):
-        assert len(asked_texels(uv, faces, 0, (11, 7), wrap)) == count
+        assert len(referenced_texels(uv, faces, 0, (11, 7), wrap)) == count
     assert count_rows(uv, faces, 0) == most + 2
 
 
 def test_a_long_thin_line_is_exact_over_a_large_image():
     uv = np.array([[3, 1], [(1 << 20) - 9, 255], [(1 << 20) - 9, 255]])
-    keys = asked_texels(uv, np.array([[0, 1, 2]]), 6, (16384, 4), (0, 1))
+    keys = referenced_texels(uv, np.array([[0, 1, 2]]), 6, (16384, 4), (0, 1))
     xy = decode_morton(keys)[:, :2]
     for x, y in xy[:: len(xy) // 50].tolist():
         assert naive.meet([tuple(map(int, v)) for v in uv], x, y, 64)
@@ -101,18 +101,18 @@ def test_more_rows_than_32_bits_count_are_counted_in_64(monkeypatch):
     rasterise = texel_set._rasterise
     monkeypatch.setattr(texel_set, "_rasterise", lambda *a: (kinds.append(a[-1].dtype), rasterise(*a))[1])
     uv, faces = np.array([[0, 0], [90, 10], [30, 70]]), np.array([[0, 1, 2]])
-    plain = asked_texels(uv, faces, 2, (9, 7), (0, 2))
+    plain = referenced_texels(uv, faces, 2, (9, 7), (0, 2))
     monkeypatch.setattr(texel_set, "MOST_IN_32_BITS", 5)
-    assert np.array_equal(asked_texels(uv, faces, 2, (9, 7), (0, 2)), plain)
+    assert np.array_equal(referenced_texels(uv, faces, 2, (9, 7), (0, 2)), plain)
     assert kinds == [np.int32, np.int64]
 
 
 def test_limit_is_kept_before_keys_are_made():
     uv, faces = np.array([[0, 0], [90, 10], [30, 70]]), np.array([[0, 1, 2]])
-    count = len(asked_texels(uv, faces, 2, (90, 70), (0, 0)))
-    assert len(asked_texels(uv, faces, 2, (90, 70), (0, 0), count)) == count
+    count = len(referenced_texels(uv, faces, 2, (90, 70), (0, 0)))
+    assert len(referenced_texels(uv, faces, 2, (90, 70), (0, 0), count)) == count
     with pytest.raises(LimitError) as caught:
-        asked_texels(uv, faces, 2, (90, 70), (0, 0), count - 1)
+        referenced_texels(uv, faces, 2, (90, 70), (0, 0), count - 1)
     assert caught.value.code == "TXF-L04"
 
 
@@ -127,7 +127,7 @@ def test_keys_of_an_image_of_three_columns_and_two_rows(keys, sound):
 
 
 def support_of(uv, faces, fraction, size, wrap):
-    keys = asked_texels(uv, faces, fraction, size, wrap)
+    keys = referenced_texels(uv, faces, fraction, size, wrap)
     return TexelSupport(keys=keys, width=size[0], height=size[1], wrap=wrap, fraction_bits=fraction)
 
 

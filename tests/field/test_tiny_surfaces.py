@@ -76,6 +76,6 @@ def test_charts_are_packed_into_the_square_beside_each_other(monkeypatch, search
     assert all(apart)
 
 
-def test_gutters_that_leave_no_room_are_told():
+def test_padding_that_leaves_no_room_is_told():
     flat, chart, extent = charts(40, 1, 1)
     assert pack_charts(flat, chart, extent, 8, 2) == (None, 0.0)

@@ -26,7 +26,7 @@ from texfcodec.codecs.raht.entropy.range_coder import (
     new_encoder,
 )
 from texfcodec.core.syntax_walk import write_v
-from texfcodec.field.texel_set import MAX_UV, asked_texels, count_rows
+from texfcodec.field.texel_set import MAX_UV, count_rows, referenced_texels
 from texfcodec.field.texels import TexelSupport, texels_are_sound
 from texfcodec.field.voxelise import count_samples, voxelise
 from texfcodec.field.voxels import VoxelSupport, keys_are_sound
@@ -76,9 +76,9 @@ def texels(data: bytes) -> None:
     faces, wrap = _faces(choices, len(uv)), (choices.whole(0, 2), choices.whole(0, 2))
     if size[0] * size[1] > SMALL.texels or count_rows(uv, faces, bits) > SMALL.samples >> 4:
         return
-    keys = asked_texels(uv, faces, bits, size, wrap, choices.pick((None, None, 0, 40)))
+    keys = referenced_texels(uv, faces, bits, size, wrap, choices.pick((None, None, 0, 40)))
     assert texels_are_sound(keys, size)
-    again = asked_texels(uv, np.roll(faces[::-1], 1, axis=1), bits, size, wrap)
+    again = referenced_texels(uv, np.roll(faces[::-1], 1, axis=1), bits, size, wrap)
     assert (again == keys).all()
     support = TexelSupport(keys=keys, width=size[0], height=size[1], wrap=wrap, fraction_bits=bits)
     places = np.array([[choices.real(), choices.real()] for _ in range(3)])

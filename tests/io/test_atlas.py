@@ -13,7 +13,7 @@ from texfcodec.io.atlas import quality
 from texfcodec.io.atlas import unwrap as atlas_room
 from texfcodec.io.atlas.bake import bake
 from texfcodec.io.atlas.chart_packing import flat_areas
-from texfcodec.io.atlas.gaps import fill_gaps
+from texfcodec.io.atlas.fill_uncovered import fill_uncovered
 from texfcodec.io.atlas.system import cover
 from texfcodec.io.atlas.unwrap import _unit_points, make_atlas
 from texfcodec.scene.scene import ALPHA_MASK, Material
@@ -235,7 +235,7 @@ def test_gaps_are_filled_with_what_mip_levels_average():
     known = np.zeros((8, 8), bool)
     image[0, 0], image[1, 1], image[5, 6] = 100, 50, 200
     known[0, 0] = known[1, 1] = known[5, 6] = True
-    fill_gaps(image, known)
+    fill_uncovered(image, known)
     assert image[0, 1] == 75 and image[4, 7] == 200 and image[3, 3] == 75 and (image > 0).all()
     assert (image[0, 0], image[1, 1], image[5, 6]) == (100, 50, 200)  # what is known stays
 

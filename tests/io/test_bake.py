@@ -1,4 +1,4 @@
-"""Baking by least squares against a dense solution, gutters that make charts agree, and the measure of seams."""
+"""Baking by least squares against a dense solution, padding that makes charts agree, and the measure of seams."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,7 @@ from analytic import decoded, grid_mesh, soup_mesh, sphere_mesh, surface_samples
 
 from texfcodec.io.atlas import system as system_room
 from texfcodec.io.atlas.bake import bake
-from texfcodec.io.atlas.gutters import continue_over_borders
+from texfcodec.io.atlas.chart_padding import continue_over_borders
 from texfcodec.io.atlas.maps import _in_tangent_space
 from texfcodec.io.atlas.seams import LEVELS, border_edges, measure_seams
 from texfcodec.io.atlas.system import AtlasSystem
@@ -58,11 +58,11 @@ def rows_of(system, x, y):
     return out
 
 
-def dense(system, ask, columns):
+def dense(system, sample, columns):
     """The damped least squares that fitted() solves, as a dense matrix and its right side."""
     x, y, face = (np.concatenate(part) for part in zip(*(block() for block in system._sample_blocks()), strict=True))
-    look_ups, wanted = rows_of(system, x, y), ask(system._points(x, y, face), face)
-    start = system.at_centres(ask, columns)
+    look_ups, wanted = rows_of(system, x, y), sample(system._points(x, y, face), face)
+    start = system.at_centres(sample, columns)
     damping = system_room.DAMPING * (look_ups**2).sum(0).mean()
     return np.vstack([look_ups, np.sqrt(damping) * np.eye(len(start))]), np.vstack([wanted, np.sqrt(damping) * start])
 
@@ -73,29 +73,29 @@ def dense(system, ask, columns):
 def test_fit_agrees_with_a_dense_least_squares_solution(monkeypatch):
     monkeypatch.setattr(system_room, "SWEEPS", 200)
     system = AtlasSystem(*two_squares())
-    ask = lambda points, face: rough_colour(points)
-    stacked, wanted = dense(system, ask, 3)
+    sample = lambda points, face: rough_colour(points)
+    stacked, wanted = dense(system, sample, 3)
     oracle = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
     inside = (oracle >= 0) & (oracle <= 255)
-    fitted = system.fitted(ask, 3)
+    fitted = system.fitted(sample, 3)
     assert inside.all() and np.abs(fitted - oracle).max() < 0.05
     monkeypatch.setattr(system_room, "SWEEPS", 4)
-    assert np.abs(system.fitted(ask, 3) - oracle).mean() < 0.15 * np.abs(system.at_centres(ask, 3) - oracle).mean()
+    assert np.abs(system.fitted(sample, 3) - oracle).mean() < 0.15 * np.abs(system.at_centres(sample, 3) - oracle).mean()
 
 
 def test_weighted_fit_agrees_with_a_dense_least_squares_solution(monkeypatch):
     monkeypatch.setattr(system_room, "SWEEPS", 200)
     system = AtlasSystem(*two_squares())
     counts = lambda points: 0.25 + 0.75 * (points[:, 1] < 0.5)
-    ask = lambda points, face: np.column_stack([rough_colour(points), counts(points)]).astype(np.float32)
+    sample = lambda points, face: np.column_stack([rough_colour(points), counts(points)]).astype(np.float32)
     x, y, face = (np.concatenate(part) for part in zip(*(block() for block in system._sample_blocks()), strict=True))
     points = system._points(x, y, face)
     root, look_ups = np.sqrt(counts(points))[:, None], rows_of(system, x, y)
-    start = system.at_centres(ask, 4)[:, :3]
+    start = system.at_centres(sample, 4)[:, :3]
     damping = system_room.DAMPING * ((root * look_ups) ** 2).sum(0).mean()
     stacked = np.vstack([root * look_ups, np.sqrt(damping) * np.eye(len(start))])
     oracle = np.linalg.lstsq(stacked, np.vstack([root * rough_colour(points), np.sqrt(damping) * start]), rcond=None)[0]
-    assert np.abs(system.fitted(ask, 3, weighted=True) - np.clip(oracle, 0, 255)).max() < 0.05
+    assert np.abs(system.fitted(sample, 3, weighted=True) - np.clip(oracle, 0, 255)).max() < 0.05
 
 
 def test_values_stay_in_range_where_the_least_squares_would_leave_it(monkeypatch):
@@ -158,7 +158,7 @@ def test_faces_without_area_and_meshes_without_faces_bake():
 # Gutters.
 
 
-def test_gutters_show_what_lies_beyond_the_border():
+def test_padding_shows_what_lies_beyond_the_border():
     atlas, positions, faces = two_squares(128)
     system = AtlasSystem(atlas, positions, faces)
     colour = lambda points: np.rint(40 + 80 * points[:, :1])
@@ -168,37 +168,37 @@ def test_gutters_show_what_lies_beyond_the_border():
     row, column = np.nonzero(beyond)
     assert len(row) > 80 and not (beyond & system.covered).any()
     x = (column + 0.5) / 128
-    right_of_the_first = x < 0.5  # the first square's gutter: its x axis goes on to the right
+    right_of_the_first = x < 0.5  # the first square's padding: its x axis goes on to the right
     wanted = 40 + 80 * (x - 0.05) / 0.35
     assert np.abs(image[row, column, 0] - wanted)[right_of_the_first].max() < 4
     y = (row + 0.5) / 128
     assert np.abs(image[row, column, 0] - (120 + 80 * (y - 0.55) / 0.35))[~right_of_the_first].max() < 4
 
 
-def test_gutters_do_not_show_what_lies_around_a_sharp_edge():
+def test_padding_does_not_show_what_lies_around_a_sharp_edge():
     atlas, positions, faces = two_squares(128)
     positions[4:] = [[1, 0, 1], [1, 1, 1]]
     system = AtlasSystem(atlas, positions, faces)
     assert not continue_over_borders(np.full((128, 128, 1), 9, np.uint8), system).any()
 
 
-def test_gutters_never_show_another_chart_than_the_one_beyond():
+def test_padding_never_shows_another_chart_than_the_one_beyond():
     texf = rough(*soup_mesh(300))
     system = AtlasSystem(make_atlas(texf.positions, texf.faces, 256, "fast"), texf.positions, texf.faces)
     image = np.full((*system.owner.shape, 1), 7, np.uint8)
     assert not continue_over_borders(image, system).any() and (image == 7).all()  # loose faces share no edge
 
 
-def test_fit_and_gutters_make_charts_agree(monkeypatch):
+def test_fit_and_padding_make_charts_agree(monkeypatch):
     texf = rough(*sphere_mesh(), scale=8.0)
     atlas = make_atlas(texf.positions, texf.faces, 512, "fast")
     after = seams_of(texf, atlas)
     monkeypatch.setattr("texfcodec.io.atlas.bake.continue_over_borders", lambda image, system: np.zeros(image.shape[:2], bool))
-    without_gutters = seams_of(texf, atlas)
+    without_padding = seams_of(texf, atlas)
     monkeypatch.setattr(system_room, "SWEEPS", 0)
     before = seams_of(texf, atlas)
-    assert after["mean"][0] < 0.7 * before["mean"][0] and without_gutters["mean"][0] == after["mean"][0]
-    assert all(a < 0.85 * b for a, b in zip(after["mean"][1:3], without_gutters["mean"][1:3], strict=True))
+    assert after["mean"][0] < 0.7 * before["mean"][0] and without_padding["mean"][0] == after["mean"][0]
+    assert all(a < 0.85 * b for a, b in zip(after["mean"][1:3], without_padding["mean"][1:3], strict=True))
 
 
 def seams_of(texf, atlas):

@@ -12,7 +12,7 @@ from texfcodec.encoder.encode import encode_scene
 from texfcodec.io.load import load
 from texfcodec.io.save import save
 from texfcodec.options import DecodeOptions, EncodeOptions
-from texfcodec.scene.channels import BY_NAME, EXTENSIONS, MAPS, PARAMETERS, SHEETS
+from texfcodec.scene.channels import BY_NAME, EXTENSIONS, MAPS, PACKED_IMAGES, PARAMETERS
 from texfcodec.scene.fetch import values_of_map
 from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, Material
 
@@ -67,8 +67,8 @@ def test_every_map_and_factor_comes_back_in_its_slot(tmp_path, support):
     (entry,), (material,) = tree["materials"], back.materials
     slots = slots_of(entry)
     assert set(slots) == {(c.extension, c.slot) for c in MAPS} | {("pbrMetallicRoughness", "baseColorTexture")}
-    assert len(tree["textures"]) == len(tree["images"]) == len(SHEETS) == len(set(slots.values()))
-    for sheet in SHEETS:
+    assert len(tree["textures"]) == len(tree["images"]) == len(PACKED_IMAGES) == len(set(slots.values()))
+    for sheet in PACKED_IMAGES:
         assert len({slots[BY_NAME[name].extension, BY_NAME[name].slot] for name in sheet}) == 1, sheet
     assert set(material.maps) == {c.name for c in MAPS} and material.double_sided and material.name == "sheet"
     given = dict(FACTORS)

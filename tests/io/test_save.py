@@ -22,7 +22,7 @@ from texfcodec.io.output_files import as_input_error
 from texfcodec.io.own_files import own_sides
 from texfcodec.io.save import save
 from texfcodec.io.vertex_appearance import linear_u16
-from texfcodec.io.vertex_fit import vertex_fit
+from texfcodec.io.vertex_colour_fit import fit_vertex_colours
 from texfcodec.scene.scene import Material
 
 # GLB and glTF.
@@ -159,7 +159,7 @@ def test_a_copyright_is_the_assets_where_it_is_text(tmp_path, copyright, written
 
 def test_faces_without_area_have_no_colours_at_vertices():
     flat = decoded(np.eye(3), np.array([[0, 0, 1], [0, 1, 2]]))
-    assert vertex_fit(flat, np.array([0])) is None and vertex_fit(flat, np.zeros(0, np.int64)) is None
+    assert fit_vertex_colours(flat, np.array([0])) is None and fit_vertex_colours(flat, np.zeros(0, np.int64)) is None
 
 
 def test_large_metadata_is_named_not_dropped_silently(tmp_path):

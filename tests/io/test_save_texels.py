@@ -1,4 +1,4 @@
-"""Fields over texels on their way back: the image and UVs that came, whole files, clean gutters, the same picture."""
+"""Fields over texels on their way back: the image and UVs that came, whole files, clean padding, the same picture."""
 
 import json
 

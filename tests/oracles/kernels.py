@@ -60,8 +60,8 @@ def voxelise(lattice, faces, bits, resolution, threshold=0):
 
 def query(point, values):
     """(lowest, highest) admissible answer at a grid point. values: dict from voxel to a number."""
-    found = [answer for (answer,) in voxel_answers([Fraction(v) for v in point], {v: [n] for v, n in values.items()})]
-    return min(found), max(found)
+    answers = [answer for (answer,) in voxel_answers([Fraction(v) for v in point], {v: [n] for v, n in values.items()})]
+    return min(answers), max(answers)
 
 
 # Octree (7.1)
@@ -214,12 +214,12 @@ def mixed_bit(bit, contexts, first, second, refinement):
     contexts: list of (fast, slow, count), one for every model in use; first, second: weight sets as (weights, count), the last
     weight for the constant input, more weights than models in use allowed (SIGN); refinement: 24 entries. All left unchanged.
     """
-    sets, asked = [mixing.WeightSet(0), mixing.WeightSet(0)], []
+    sets, probabilities = [mixing.WeightSet(0), mixing.WeightSet(0)], []
     for own, (weights, count) in zip(sets, (first, second), strict=True):
         own.weight, own.count = list(weights), count
     contexts, refinement = list(contexts), list(refinement)
-    mixing.mixed_bit(lambda p: asked.append(p) or bit, contexts, *sets, refinement)
-    return asked[0], contexts, *((own.weight, own.count) for own in sets), refinement
+    mixing.mixed_bit(lambda p: probabilities.append(p) or bit, contexts, *sets, refinement)
+    return probabilities[0], contexts, *((own.weight, own.count) for own in sets), refinement
 
 
 def rgb_of(y, cb, cr):

@@ -57,7 +57,7 @@ def rasterise(camera, positions, faces, cull=True, two_sided=()):
             for x in range(camera.width):
                 if covers(snapped, x, y):
                     out.setdefault((x, y), []).append((_depth(camera, corners, x, y), number))
-    return {pixel: sorted(found) for pixel, found in out.items()}
+    return {pixel: sorted(faces_there) for pixel, faces_there in out.items()}
 
 
 def _depth(camera, corners, x, y):

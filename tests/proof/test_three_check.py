@@ -14,25 +14,25 @@ from mesh_files import Builder
 from texfcodec.geometry.areas import face_areas
 from texfcodec.geometry.tangents import corner_tangents
 from texfcodec.io.load import load
-from texfcodec.metrics.views import Look, compare_views
+from texfcodec.metrics.views import ViewSettings, compare_views
 from texfcodec.render.camera import to_camera
 from texfcodec.render.environment import DAYLIGHT
 from tools.proof import three_check
-from tools.proof.strangers.run import node_modules
+from tools.proof.public_models.run import node_modules
 from tools.proof.three_check import (
     Shown,
     agreement,
     arguments_of,
+    camera_json,
     cameras_of,
     light_of,
+    lights_json,
     ours,
     sky_map,
     theirs,
-    told_camera,
-    told_lights,
 )
 
-MODULES = Path(__file__).resolve().parents[2] / "out" / "strangers"
+MODULES = Path(__file__).resolve().parents[2] / "out" / "public_models"
 
 
 def ball(path, roughness=0.5, rows=24):
@@ -55,8 +55,8 @@ def test_the_sky_map_has_the_skys_radiance_from_the_nadir_up_and_lights_keep_the
     ends = DAYLIGHT.radiance(np.array([[0, 0], [-1, 1], [0, 0]], float)).T
     np.testing.assert_allclose(sky[[0, -1], 0, :3], ends, atol=1e-3)
     assert (sky == sky[:, :1]).all() and sky_map(light_of("lights")) is None
-    assert told_lights(light_of("sky")) == [] and len(told_lights(light_of("lights"))) == len(DAYLIGHT.lights)
-    for told, light in zip(told_lights(light_of("daylight")), DAYLIGHT.lights, strict=True):
+    assert lights_json(light_of("sky")) == [] and len(lights_json(light_of("lights"))) == len(DAYLIGHT.lights)
+    for told, light in zip(lights_json(light_of("daylight")), DAYLIGHT.lights, strict=True):
         np.testing.assert_allclose(told["colour"], light.irradiance)
         np.testing.assert_allclose(told["direction"], light.direction)
 
@@ -64,7 +64,7 @@ def test_the_sky_map_has_the_skys_radiance_from_the_nadir_up_and_lights_keep_the
 def test_cameras_say_what_a_matrix_of_three_js_asks(tmp_path):
     scene = load(ball(tmp_path / "ball.glb"))
     for camera in cameras_of(scene, 5, 64):
-        told = json.loads(json.dumps(told_camera(camera)))
+        told = json.loads(json.dumps(camera_json(camera)))
         axes = np.array([told["right"], told["up"], told["forward"]])
         assert np.allclose(axes @ axes.T, np.eye(3)) and np.linalg.det(axes) < 0  # three.js looks along -z
         place = np.array(told["eye"]) + told["depth"] * axes[2] + told["half"] * (0.5 * axes[0] + 0.25 * axes[1])
@@ -87,9 +87,9 @@ def test_pixels_count_that_both_cover_and_all_samples_of_a_pixel_do():
 
 def test_our_side_is_what_texf_eval_shaded_compares(tmp_path):
     scenes = [load(ball(tmp_path / f"{n}.glb", roughness)) for n, roughness in enumerate((0.3, 0.5))]
-    look, cameras = Look(environment=DAYLIGHT), cameras_of(scenes[0], 3, 96)
-    wanted = compare_views(*scenes, views=3, size=96, look=look)
-    _, got, _, _ = agreement(*(ours(scene, cameras, look) for scene in scenes))
+    settings, cameras = ViewSettings(environment=DAYLIGHT), cameras_of(scenes[0], 3, 96)
+    wanted = compare_views(*scenes, views=3, size=96, settings=settings)
+    _, got, _, _ = agreement(*(ours(scene, cameras, settings) for scene in scenes))
     assert got == pytest.approx(wanted["psnr"]["y"], abs=1e-9)
 
 

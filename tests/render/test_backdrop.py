@@ -9,7 +9,7 @@ from PIL import Image
 from shapes import hand, linear, mapped_sheet, painted_sphere, scene_of, sphere
 
 from texfcodec import EncodeOptions, Texf, decode, encode
-from texfcodec.render.backdrop import FEW, GREY, has_few_colours, is_plain, rows
+from texfcodec.render.backdrop import FEW, GREY, has_few_colours, is_nearly_uniform, rows
 from texfcodec.render.difference import names_of_halves
 from texfcodec.scene.scene import Material
 
@@ -57,13 +57,13 @@ def test_white_and_black_and_most_greys_stand_off_from_the_grey():
 @pytest.mark.parametrize("name", FLAT)
 def test_one_colour_is_plain_as_a_mesh_and_as_a_stream(name):
     scene = of_colour(FLAT[name])
-    assert is_plain(scene) and is_plain(decode(encode(scene, EncodeOptions(resolution=16, qp=40))))
+    assert is_nearly_uniform(scene) and is_nearly_uniform(decode(encode(scene, EncodeOptions(resolution=16, qp=40))))
 
 
 def test_textures_and_smooth_colours_are_not_plain_and_an_image_of_one_colour_is():
-    assert not is_plain(mapped_sheet({})) and not is_plain(painted_sphere())
-    assert not is_plain(decode(encode(painted_sphere(), EncodeOptions(resolution=32, qp=28))))
-    assert is_plain(mapped_sheet({}, colour=np.full((4, 4, 4), 200, np.uint8)))
+    assert not is_nearly_uniform(mapped_sheet({})) and not is_nearly_uniform(painted_sphere())
+    assert not is_nearly_uniform(decode(encode(painted_sphere(), EncodeOptions(resolution=32, qp=28))))
+    assert is_nearly_uniform(mapped_sheet({}, colour=np.full((4, 4, 4), 200, np.uint8)))
 
 
 def test_few_colours_are_plain_and_more_are_not():
@@ -75,9 +75,9 @@ def test_few_colours_are_plain_and_more_are_not():
 
 def test_what_has_no_surface_is_not_plain():
     flat = scene_of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
-    assert not is_plain(flat) and not is_plain(scene_of([], []))
+    assert not is_nearly_uniform(flat) and not is_nearly_uniform(scene_of([], []))
     empty = decode(encode(flat, EncodeOptions(resolution=8, qp=40, allow_empty=True)))
-    assert isinstance(empty, Texf) and not is_plain(empty)
+    assert isinstance(empty, Texf) and not is_nearly_uniform(empty)
 
 
 @pytest.mark.parametrize("name", ["stl", *FLAT])

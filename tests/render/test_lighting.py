@@ -12,7 +12,7 @@ from texfcodec import EncodeOptions, decode
 from texfcodec.core.colour_error import decibels
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.metrics.shaded import compare_channels, compare_shaded
-from texfcodec.metrics.views import Look, compare_views
+from texfcodec.metrics.views import ViewSettings, compare_views
 from texfcodec.render import lit_scene
 from texfcodec.render.camera import bounding_sphere, orthographic, perspective_around
 from texfcodec.render.environment import DAYLIGHT
@@ -110,15 +110,15 @@ def test_normals_of_maps_come_back_within_degrees(options):
     assert found["channels"]["normal"]["median_degrees"] < 0.4
 
 
-# What is asked, and what is left alone.
+# What is sampled, and what is left alone.
 
 
-def asked_of(scene, monkeypatch, draw):
-    """Names of the channels whose maps a picture asks."""
+def sampled_channels(scene, monkeypatch, draw):
+    """Names of the channels whose maps a picture samples."""
     names, real = set(), Lighting._points
 
-    def points(self, camera, ask, at, colour):
-        return real(self, camera, lambda wanted, *more: names.update(wanted) or ask(wanted, *more), at, colour)
+    def points(self, camera, sample, at, colour):
+        return real(self, camera, lambda wanted, *more: names.update(wanted) or sample(wanted, *more), at, colour)
 
     monkeypatch.setattr(Lighting, "_points", points)
     draw()
@@ -129,9 +129,9 @@ def test_only_channels_of_effects_in_use_are_asked(monkeypatch):
     maps = ["normal", "roughness", "clearcoat", "clearcoat_normal", "sheen_colour", "occlusion", "thickness", "emissive"]
     scene = dome(maps, {"clearcoat": (0.0,), "transmission": (0.0,), "sheen_colour": (0.0,) * 3})
     draw = lambda one: lambda: render_scene(one, front(one, 32), shaded=DAYLIGHT)
-    assert asked_of(scene, monkeypatch, draw(scene)) == {"normal", "roughness", "occlusion", "emissive"}
+    assert sampled_channels(scene, monkeypatch, draw(scene)) == {"normal", "roughness", "occlusion", "emissive"}
     dark = replace(scene, materials=[replace(scene.materials[0], unlit=True)])
-    assert asked_of(dark, monkeypatch, draw(dark)) == set()
+    assert sampled_channels(dark, monkeypatch, draw(dark)) == set()
 
 
 def test_a_material_that_is_not_in_view_asks_nothing(monkeypatch):
@@ -139,17 +139,17 @@ def test_a_material_that_is_not_in_view_asks_nothing(monkeypatch):
     plain, rich = replace(scene.materials[0], maps={"occlusion": 2}), scene.materials[0]
     both = replace(scene, materials=[plain, rich], face_material=np.where(np.arange(len(scene.faces)) < 1, 1, 0))
     right = orthographic((0, 0, 1), (1.2, 0.5, 0), 0.5, 32)
-    assert asked_of(both, monkeypatch, lambda: render_scene(both, right, shaded=DAYLIGHT)) == {"occlusion"}
+    assert sampled_channels(both, monkeypatch, lambda: render_scene(both, right, shaded=DAYLIGHT)) == {"occlusion"}
 
 
 def test_channels_that_share_images_are_asked_together(monkeypatch):
     scene = dome(["roughness", "metallic", "occlusion", "normal"])
     maps = {"roughness": 1, "metallic": 1, "occlusion": 1, "normal": 4}
     packed = replace(scene, materials=[replace(scene.materials[0], maps=maps)])
-    asked, real = [], Textures.ask
-    monkeypatch.setattr(Textures, "ask", lambda self, *more: asked.append(self) or real(self, *more))
+    calls, real = [], Textures.sample
+    monkeypatch.setattr(Textures, "sample", lambda self, *more: calls.append(self) or real(self, *more))
     render_scene(packed, front(packed, 32), shaded=DAYLIGHT)
-    assert len(asked) == 2
+    assert len(calls) == 2
 
 
 @pytest.mark.parametrize("filtering", [True, False])
@@ -297,8 +297,8 @@ def test_a_mesh_of_other_vertices_is_compared_where_it_is_nearest():
 def test_mipmaps_and_light_are_looks_of_the_same_views():
     scene = dome(["roughness"])
     texf = decode(encode_scene(scene, VOXELS).data)
-    looks = [Look(), Look(mipmaps=True), Look(environment=DAYLIGHT), Look(environment=DAYLIGHT, mipmaps=True)]
-    found = [compare_views(scene, texf, 2, 48, look=look) for look in looks]
+    all_settings = [ViewSettings(environment=light, mipmaps=mipmaps) for light in (None, DAYLIGHT) for mipmaps in (False, True)]
+    found = [compare_views(scene, texf, 2, 48, settings=settings) for settings in all_settings]
     assert len({one["pixels"] for one in found}) == 1 and len({one["psnr"]["y"] for one in found}) == 4
     assert min(one["psnr"]["y"] for one in found) > 30
 

@@ -11,7 +11,7 @@ from oracles import shading as naive
 from texfcodec.render.environment import DAYLIGHT, Environment, Light, furnace
 from texfcodec.render.lobes import ggx_lights, ggx_lights_stretched
 from texfcodec.render.material import expose, shade
-from texfcodec.render.surface import Points
+from texfcodec.render.shading_points import ShadingPoints
 from texfcodec.render.thin_film import film_reflectance
 
 # Against brute force: sky by quadrature, glTF's BRDF in float64; decibels of sRGB-coded colour, over directions.
@@ -175,7 +175,7 @@ def test_anisotropy_stretches_the_highlight_along_its_direction():
 
     def seen(**more):
         table = table_of({"metallic": 1, "roughness": 0.3, "anisotropy": 0.9, **more})
-        return shade(Points(material=np.zeros(2, np.int64), normal=n, view=v, tangent=tangent), table, lamp)[:, 0]
+        return shade(ShadingPoints(material=np.zeros(2, np.int64), normal=n, view=v, tangent=tangent), table, lamp)[:, 0]
 
     along, across = seen()
     assert along > 3 * across

@@ -50,7 +50,7 @@ def folder(tmp_path, monkeypatch, install):
     manifest = lines[lines.index("[options]") : max(i for i, line in enumerate(lines) if line.startswith("options = ")) + 1]
     (tmp_path / "catalogue.toml").write_text("\n".join(manifest))
     codec = code_after((pages.GUIDE / "own_codec.md").read_text(encoding="utf-8"), "## A minimal codec")
-    install({"zipped": "zipped:Zipped"}, folder="stranger", zipped=codec)
+    install({"zipped": "zipped:Zipped"}, zipped=codec)
     monkeypatch.delitem(sys.modules, "texfcodec.cli.enc", raising=False)  # another test may have read it without the codec
     return tmp_path
 

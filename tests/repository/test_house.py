@@ -225,10 +225,10 @@ def test_at_most_three_files_outside_the_codecs_name_one():
 
 def test_decoder_never_meets_torch_or_the_encoder_side_rooms():
     rooms = ("render", "encoder", "codecs.neural.fit", "codecs.neural.fit_payload", "cli")
-    strangers = ("torch", *(f"texfcodec.{room}" for room in rooms))
+    foreign = ("torch", *(f"texfcodec.{room}" for room in rooms))
     modules, _ = modules_after("import texfcodec.decoder")
     assert "texfcodec.decoder" in modules
-    assert [m for m in modules if m in strangers or m.startswith(tuple(s + "." for s in strangers))] == []
+    assert [m for m in modules if m in foreign or m.startswith(tuple(s + "." for s in foreign))] == []
 
 
 def test_package_is_imported_fast_and_without_numba():

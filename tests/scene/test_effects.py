@@ -13,7 +13,7 @@ from texfcodec.render.environment import DAYLIGHT, Environment, furnace
 from texfcodec.render.material import expose, shade
 from texfcodec.render.material_effects import TERMS as CALLED
 from texfcodec.render.material_effects import ShadingTable, shading_effects, sound_parameters
-from texfcodec.render.surface import Points
+from texfcodec.render.shading_points import ShadingPoints
 from texfcodec.scene.channels import BY_NAME, PARAMETERS
 from texfcodec.scene.srgb import linear_to_srgb
 
@@ -67,7 +67,7 @@ def test_a_term_is_evaluated_only_at_points_whose_material_uses_it(name, monkeyp
     user = material_of({"metallic": 0, **parameters}, channels)
     table = ShadingTable([material_of({"metallic": 0.5}), user, material_of({"clearcoat": 1}, unlit=True)])
     values = {c: np.broadcast_to(np.float32(x), (COUNT, len(x))) for c, x in channels.items()}
-    shade(Points(material=material, normal=n, view=v, values=values), table, DAYLIGHT)
+    shade(ShadingPoints(material=material, normal=n, view=v, values=values), table, DAYLIGHT)
     used = {TERMS[effect] for effect in table.effects[1] & set(TERMS)}
     users = int((material == 1).sum())
     assert asked["gloss"] + asked["anisotropic_gloss"] == asked["diffuse"] == int((material < 2).sum())
@@ -136,7 +136,7 @@ def test_final_values_are_map_times_factor():
 def test_a_material_that_is_not_there_is_an_error():
     n, v = directions(3)
     with pytest.raises(IndexError, match="outside the table"):
-        shade(Points(material=np.array([0, 1, 0]), normal=n, view=v), table_of(), DAYLIGHT)
+        shade(ShadingPoints(material=np.array([0, 1, 0]), normal=n, view=v), table_of(), DAYLIGHT)
 
 
 # Bad input and threads.
@@ -157,7 +157,8 @@ def everything(rng, count):
     values = {name: rng.random((count, width)).astype(np.float32) for name, width in WIDTHS.items()}
     n, v, coat = (rng.normal(size=(count, 3)).astype(np.float32) for _ in range(3))
     tangent = rng.normal(size=(count, 4)).astype(np.float32)
-    return Points(material=rng.integers(0, 5, count), normal=n, view=v, values=values, tangent=tangent, coat_normal=coat), table
+    material = rng.integers(0, 5, count)
+    return ShadingPoints(material=material, normal=n, view=v, values=values, tangent=tangent, coat_normal=coat), table
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -212,8 +213,8 @@ def test_groups_blocks_and_threads_do_not_change_a_point(monkeypatch):
 
 
 def test_no_points_are_no_colours():
-    got = shade(Points(material=np.zeros(0, np.int64), normal=np.zeros((0, 3), np.float32), view=np.zeros((0, 3), np.float32)),
-                table_of(), DAYLIGHT)
+    none = np.zeros((0, 3), np.float32)
+    got = shade(ShadingPoints(material=np.zeros(0, np.int64), normal=none, view=none), table_of(), DAYLIGHT)
     assert got.shape == (0, 3) and expose(got).shape == (0, 3)
 
 

@@ -194,10 +194,10 @@ def test_the_line_between_two_is_dragged(show):
     page = show("stream", "source", start={**START, "mode": "split"})
     before = camera(page)
     page.drag((320, 50), (200, 60))
-    assert page.run("viewer.look.slider") == pytest.approx(200 / 640, abs=0.01) and (camera(page) == before).all()
+    assert page.run("viewer.settings.slider") == pytest.approx(200 / 640, abs=0.01) and (camera(page) == before).all()
     split = page.pixels()
     page.press("ArrowRight")
-    assert page.run("viewer.look.slider") == pytest.approx(0.3325, abs=0.01), "the line has the focus"
+    assert page.run("viewer.settings.slider") == pytest.approx(0.3325, abs=0.01), "the line has the focus"
     page.run("viewer.canvas.focus()")
     page.press(" ")
     assert differ(page.pixels()[:, 220:], split[:, 220:]) == 0
@@ -209,7 +209,7 @@ def test_the_line_between_two_is_dragged(show):
 def test_psnr_that_is_told_is_that_of_the_two_pictures(show, how):
     page = show("stream", "source", start={**START, "mode": how})
     told = page.run("[...document.querySelectorAll('#psnr td')].map((cell) => cell.textContent)")
-    found = page.run("(({rgb, channels, both}) => [rgb, ...channels, both])(viewer.stage.compare(viewer.view, viewer.look))")
+    found = page.run("(({rgb, channels, both}) => [rgb, ...channels, both])(viewer.stage.compare(viewer.view, viewer.settings))")
     page.run("viewer.change({mode: 'single'})")
     pictures = []
     for key in (" ", " "):
@@ -309,7 +309,8 @@ def test_a_dropped_white_mesh_is_seen_in_light_on_grey(show, tmp_path):
     page.settle()
     empty = np.full_like(page.pixels(), 255)
     seen = page.pixels()[(page.pixels() != empty).any(axis=2)].mean(axis=1)
-    assert page.run("viewer.look.lit") and len(seen) > 5000 and np.ptp(np.percentile(seen, (5, 95))) > 8 and page.message() == ""
+    assert page.run("viewer.settings.lit") and page.message() == ""
+    assert len(seen) > 5000 and np.ptp(np.percentile(seen, (5, 95))) > 8
 
 
 def test_a_dropped_glb_needs_no_server_but_for_what_the_page_does_not_read(show, assets, tmp_path):

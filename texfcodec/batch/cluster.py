@@ -168,7 +168,7 @@ def same(sent: tuple[str, Packed]) -> tuple[str, Packed]:
 
 
 def run_there(tasks: Sequence[Task], address: str, room: Path, ended: Ended, note: Callable[[str], object]) -> None:
-    """As local.run_here, on the cluster at an address such as tcp://HOST:8786. note(text): reports to a person.
+    """Run tasks as local.run_here() does, on the cluster at an address such as tcp://HOST:8786. note(text): reports to a person.
 
     Raises InputError TXF-C05 if the cluster cannot be reached or is lost, TXF-C06 if its client is not installed.
     """
@@ -310,7 +310,7 @@ class Run:
             return Outcome(FAILED, f"no worker could run the task: {type(error).__name__}: {said}")
 
     def _goes_on(self, task, answer):
-        """Whether another attempt makes sense: with the asset sent along, on another worker, or after an interruption."""
+        """Return whether another attempt makes sense: with the asset sent along, on another worker, or after an interruption."""
         state = answer.outcome.state
         if state == BLIND:
             self.blind.add(task.input)

@@ -105,7 +105,7 @@ def last_line(path: Path) -> str:
 
 
 def is_full(error: BaseException) -> bool:
-    """Whether an error reports a full disk or an exceeded quota."""
+    """Return whether an error reports a full disk or an exceeded quota."""
     return isinstance(error, OSError) and error.errno in _FULL
 
 

@@ -95,7 +95,8 @@ def check_place(unit: Unit, seen: set[int]) -> None:
 
 
 def is_passed_over(data: bytes | memoryview, unit: Unit) -> bool:
-    """Whether a decoder skips a unit: this version does not define its type or, for metadata, its format (spec 5.2, 5.8)."""
+    """Return whether a decoder skips a unit: this version does not define its type or, for metadata, its format (spec 5.2,
+    5.8)."""
     if unit.type == UNIT_METADATA and unit.begin < unit.end:
         return data[unit.begin] != METADATA_JSON
     return unit.type not in UNITS

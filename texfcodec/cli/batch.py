@@ -113,7 +113,7 @@ class Batch:
         self.totals = Totals()
 
     def is_finished(self, asset: Asset) -> bool:
-        """Whether an asset needs no more work; its line of an earlier run is then counted and printed."""
+        """Return whether an asset needs no more work; its line of an earlier run is then counted and printed."""
         row = self.results.finished(asset, self._words(asset))
         if row is not None:
             self.totals.add(row)

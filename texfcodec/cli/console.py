@@ -180,7 +180,7 @@ def write_output(path: str, data: bytes, inputs: Iterable[str] = ()) -> None:
 
 
 def is_device(path: str) -> bool:
-    """Whether a path must not be replaced by a file: a device or a pipe."""
+    """Return whether a path must not be replaced by a file: a device or a pipe."""
     return os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path)
 
 

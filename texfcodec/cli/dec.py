@@ -17,7 +17,7 @@ from .console import STYLE, check_output, run, run_facts, timing_line, write_out
 from .flags import file_names, limit_flags, limits_of, number, option_flags, report_flags
 from .scene_file import expand_scene_file
 
-_LOOK = ("appearance", "texture_size", "atlas", "texture_format", "texture_quality", "compress")
+_SAVE_OPTIONS = ("appearance", "texture_size", "atlas", "texture_format", "texture_quality", "compress")
 _FALLBACK_LOD = 3  # an eighth of the texels along a side, a 64th of the bytes of images
 _STREAM = ".texf"
 
@@ -73,7 +73,7 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     elif not out.lower().endswith((*SAVED_SUFFIXES, _STREAM)):
         raise click.UsageError(f"{out} must end in one of {' '.join(SAVED_SUFFIXES)} {_STREAM}")
     limits = limits_of(choices)
-    look = {name: choices.pop(name) for name in _LOOK}
+    save_options = {name: choices.pop(name) for name in _SAVE_OPTIONS}
     if fallback_faces is not None and not carry_stream:
         raise click.UsageError("--fallback-faces requires --carry-stream")
     if carry_stream and choices["lod"] is None:
@@ -84,17 +84,17 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     if takes_out and carry_stream:
         raise click.UsageError("--carry-stream requires a GLB or glTF as OUT")
     if not takes_out:
-        check_choices("stream.glb" if out == "-" else out, **look, stream=b"" if carry_stream else None)
+        check_choices("stream.glb" if out == "-" else out, **save_options, stream=b"" if carry_stream else None)
     data = read_stream_file(source, limits)
     if is_scene_file(data):
         if out != "-" and not out.lower().endswith(".glb"):
             raise click.UsageError(f"{source} is a scene whose meshes are coded: OUT must end in .glb")
-        return expand_scene_file(console, data, source, out, options, look["texture_format"])
+        return expand_scene_file(console, data, source, out, options, save_options["texture_format"])
     data = stream_within(data)
     sandboxed = takes_sandbox(options)
     if not sandboxed:
         console.note_first_run(DECODING)
-    compile_beside(options.threads, *_stages(out, look["appearance"], sandboxed))
+    compile_beside(options.threads, *_stages(out, save_options["appearance"], sandboxed))
     with console.progress() as report:
         texf = decode(data, options, report)
         if carry_stream:
@@ -104,7 +104,7 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
             if takes_out:
                 saved = _take_out(data, source, out)
             else:
-                saved = _save(texf, source, out, overwrite, look | {"stream": data if carry_stream else None})
+                saved = _save(texf, source, out, overwrite, save_options | {"stream": data if carry_stream else None})
     report.warnings += saved["warnings"]
     report.remarks += saved["remarks"]
     if not console.as_json:
@@ -134,17 +134,17 @@ def _take_out(data, source, out):
     return {"warnings": [], "dropped": [], "remarks": [], "files": [Path(out).name], "seams": None, "carried": None}
 
 
-def _save(texf, source, out, overwrite, look):
+def _save(texf, source, out, overwrite, save_options):
     """Writes OUT and the files beside it; returns the facts of save()."""
     from ..core import cleanup
     from ..io.save import as_glb, save
 
     if out == "-":
-        data, losses = as_glb(texf, **look)
+        data, losses = as_glb(texf, **save_options)
         write_output(out, data)
         return {"files": []} | losses
     cleanup.last_step()
-    return save(texf, out, **look, overwrite=overwrite, inputs=[] if source == "-" else [source])
+    return save(texf, out, **save_options, overwrite=overwrite, inputs=[] if source == "-" else [source])
 
 
 def _facts(data, texf, report, saved):

@@ -80,12 +80,12 @@ def _measured(scene, decoded, flags, lpips, threads, report):
     from ..metrics.psnr_3d import measure, measure_or_warn
     from ..metrics.shaded import compare_shaded
     from ..metrics.surface_distance import surface_distance
-    from ..metrics.views import NEAREST_SAMPLES, Look, compare_views, mesh_psnr_3d
+    from ..metrics.views import NEAREST_SAMPLES, ViewSettings, compare_views, mesh_psnr_3d
 
     views, size, mipmaps, is_mesh = flags["views"], flags["size"], flags["mipmaps"], isinstance(decoded, Scene)
     with report.stage("views"):
-        facts = compare_views(scene, decoded, views, size, flags["ssim"], lpips, threads=threads, look=Look(mipmaps=mipmaps),
-                              on_view=lambda n, of: report.progress("views", n, of))
+        facts = compare_views(scene, decoded, views, size, flags["ssim"], lpips, threads=threads,
+                              settings=ViewSettings(mipmaps=mipmaps), on_view=lambda n, of: report.progress("views", n, of))
     facts |= {"mipmaps": mipmaps, "shaded": None, "psnr_3d": None, "surface": None}
     if flags["shaded"]:
         with report.stage("shaded"):

@@ -36,7 +36,8 @@ class Talk:
 
 
 def is_program() -> bool:
-    """Whether this process is one of the tools, by its command line: `texf-enc ...` or `python -m texfcodec.cli.enc ...`."""
+    """Return whether this process is one of the tools, by its command line: `texf-enc ...` or `python -m texfcodec.cli.enc
+    ...`."""
     name = sys.argv[0] if sys.argv else ""
     if name == "-m":  # while runpy looks for the module
         return any(word.removeprefix("-m").startswith("texfcodec.cli.") for word in sys.orig_argv[1:4])

@@ -14,7 +14,7 @@ _SYSTEM, _NO_SUFFIX = "files of the operating system", "files without suffix"
 
 
 def is_system_file(name: str) -> bool:
-    """Whether the operating system wrote a file for itself, such as the resource fork ._chair.glb of macOS."""
+    """Return whether the operating system wrote a file for itself, such as the resource fork ._chair.glb of macOS."""
     return name.startswith("._") or name.lower() in _SYSTEM_FILES
 
 
@@ -30,7 +30,7 @@ class PassedOver(dict[str, list[str]]):
             self.setdefault(path.suffix.lower() or _NO_SUFFIX, []).append(name)
 
     def counts(self) -> dict[str, int]:
-        """How many there are of each kind, the most frequent first."""
+        """Number of files of each kind, the most frequent first."""
         return {kind: len(self[kind]) for kind in sorted(self, key=lambda kind: (-len(self[kind]), kind))}
 
     def line(self) -> list[str]:

@@ -94,9 +94,9 @@ def _pictures(source, compare, choices, inputs, report):
     first = load_asset(source, options, inputs, report)
     camera, measured = _camera(first, choices), bool(choices["shaded"])
     if choices["shaded"] is None:
-        from ..render.backdrop import is_plain
+        from ..render.backdrop import is_nearly_uniform
 
-        choices["shaded"] = is_plain(first)
+        choices["shaded"] = is_nearly_uniform(first)
     picture = _draw(first, camera, choices, report)
     if not len(picture.pixel):
         report.warnings.append("the view shows no surface: the picture is empty")

@@ -18,7 +18,7 @@ from .inputs import CARRIED, carried_stream, check_stdin_once, checked_stream, f
 MODES = ("single", "split", "difference", "side")
 LINK = 7  # numbers of a camera that the page's link holds
 PAGES = (".html", ".htm")
-_LOOK = ("shaded", "mode", "layer")
+_SETTINGS = ("shaded", "mode", "layer")
 
 
 def _camera_of(context, parameter, value):
@@ -108,11 +108,11 @@ def _check(console, other, export, choices, inputs):
 
 
 def _start(choices, other):
-    """How the page begins, JSON-ready; takes it out of the choices."""
+    """Take the page's first state out of the choices, JSON-ready."""
     camera, fov = choices.pop("camera"), choices.pop("perspective")
-    look = {name: choices.pop(name) for name in _LOOK}
-    look["mode"] = look["mode"] or ("single" if other is None else "split")
-    return {"camera": camera if "link" in camera else {**camera, "perspective": fov}, **look}
+    settings = {name: choices.pop(name) for name in _SETTINGS}
+    settings["mode"] = settings["mode"] or ("single" if other is None else "split")
+    return {"camera": camera if "link" in camera else {**camera, "perspective": fov}, **settings}
 
 
 def _shown(limits, inputs, report):
@@ -183,7 +183,7 @@ def _serve(console, shown, start, choices, limits, facts):
 
 
 def _open(address):
-    """Whether a browser with a window was started; one that runs in the terminal would take it over."""
+    """Return whether a browser with a window was started; one that runs in the terminal would take it over."""
     try:
         browser = webbrowser.get()
         return type(browser) is not webbrowser.GenericBrowser and browser.open(address)

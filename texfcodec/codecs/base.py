@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Settings = Any  # of Codec.settings(): a dataclass of each codec's own
 PROFILES = ("base", "lossless", "neural")  # spec 10.3, each with what those before it have
-PRIVATE_IDS = range(192, 256)  # for codecs of strangers; their units name them (5.7)
+PRIVATE_IDS = range(192, 256)  # for codecs of others; their units name them (5.7)
 
 
 class Group(NamedTuple):
@@ -345,7 +345,7 @@ class Codec(ABC):
         yield f"{place}: {group['bytes']} bytes, {self.name}"
 
     def suits(self, plane: np.ndarray) -> bool:
-        """Whether the encoder should use this codec for a plane, whichever codec was requested.
+        """Return whether the encoder should use this codec for a plane, whichever codec was requested.
 
         Parameters
         ----------

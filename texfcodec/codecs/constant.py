@@ -26,16 +26,16 @@ class Constant(PlaneCodec):
     chosen = False
 
     def suits(self, plane: np.ndarray) -> bool:
-        """As PlaneCodec.suits."""
+        """See PlaneCodec.suits."""
         return all(bool((np.rint(part) == np.rint(plane[:1])).all()) for part in (plane[:: max(1, len(plane) // PROBE)], plane))
 
     def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: object) -> tuple[dict, np.ndarray]:
-        """As PlaneCodec.enc, for a plane that suits."""
+        """See PlaneCodec.enc; the plane has to suit."""
         value = np.clip(np.rint(plane[0]), 0, 255).astype(np.uint8)
         return {"plane_value": value.tolist()}, np.tile(value, (len(plane), 1))
 
     def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
-        """As PlaneCodec.dec."""
+        """See PlaneCodec.dec."""
         return np.tile(np.array(values["plane_value"], np.uint8), (len(support.coarser(levels)), 1))
 
     def describe(self, values: dict) -> dict:
@@ -43,6 +43,6 @@ class Constant(PlaneCodec):
         return {"value": values["plane_value"]}
 
     def info_lines(self, group: dict) -> Iterator[str]:
-        """As Codec.info_lines."""
+        """See Codec.info_lines."""
         yield (f"field {group['field_index']}, group {group['group_index']} ({group['semantic']}): {group['bytes']} bytes, "
                f"constant {group['value']}")

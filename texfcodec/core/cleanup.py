@@ -49,12 +49,12 @@ def finish() -> None:
 
 
 def is_finished() -> bool:
-    """Whether the outcome of the command is in place."""
+    """Return whether the outcome of the command is in place."""
     return _Stage.done
 
 
 def is_ending() -> bool:
-    """Whether an interrupt has ended the children of this process. Their exit codes are then meaningless."""
+    """Return whether an interrupt has ended the children of this process. Their exit codes are then meaningless."""
     return _Stage.ending
 
 

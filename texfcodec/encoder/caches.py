@@ -1,4 +1,4 @@
-"""What encodes of one scene share: a cache for each stage, and for parts of a stage that take long (encoder only).
+"""Caches that encodes of one scene share: a cache for each stage, and for parts of a stage that take long (encoder only).
 
 A search over the QP and the second try of the check encode one scene several times. A result that depends neither on the QP nor
 on finer parts is computed once.

@@ -24,7 +24,7 @@ from ..errors import InputError
 from ..geometry.surface import make_surface
 from ..limits import UNLIMITED
 from ..metrics.psnr_3d import SAMPLES, SourceSamples
-from ..metrics.views import KeptViews, Look
+from ..metrics.views import KeptViews, ViewSettings
 from ..options import DecodeOptions, EncodeOptions
 from ..render.environment import DAYLIGHT
 from ..report import Report
@@ -191,7 +191,7 @@ class _Line:
 
     @property
     def has_met(self) -> bool:
-        """Whether a trial met the target."""
+        """True if a trial met the target."""
         return any(excess <= 0 for _, excess in self.tried)
 
 
@@ -390,8 +390,8 @@ def _measure_of(scene, options):
         samples = SAMPLES if options.measure else SEARCH_SAMPLES
         source = lambda: SourceSamples(scene, samples, threads)
         return lambda texf: cache.get("samples", source).compare(texf)
-    look = Look(environment=DAYLIGHT if options.target_psnr_of == "lit" else None)
-    views = lambda: KeptViews(scene, VIEWS, SIZE, look)
+    settings = ViewSettings(environment=DAYLIGHT if options.target_psnr_of == "lit" else None)
+    views = lambda: KeptViews(scene, VIEWS, SIZE, settings)
     return lambda texf: cache.get("views", views).compare(texf, threads)["psnr"]
 
 

@@ -114,7 +114,7 @@ class Filled:
 
     @property
     def is_uniform(self) -> bool:
-        """Whether the only value is a single colour, so that the QP does not change the stream."""
+        """True if the only value is a single colour, so that the QP does not change the stream."""
         return all(part.is_uniform for part in self.fields) and all(group.channels[0] in COLOURS for group in self.source.groups)
 
     @property

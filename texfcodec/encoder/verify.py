@@ -18,7 +18,7 @@ from ..decoder import decode_stream
 from ..errors import InputError, LimitError
 from ..limits import UNLIMITED
 from ..metrics.parts import compare_parts
-from ..metrics.views import Look, compare_views
+from ..metrics.views import ViewSettings, compare_views
 from ..options import RATES, DecodeOptions
 from ..render.environment import DAYLIGHT
 from ..report import Report, Step, no_step
@@ -290,9 +290,9 @@ def _seen(scene, texf, options):
     """Return {"lit" or "flat": PSNR of Y of a few small pictures, None if they are equal; "outline": with their outlines}; {} if
     they cannot be compared: no pixel shows both sides, or light makes a colour infinite."""
     lit = options.effects in ("auto", "all") and not all(material.unlit for material in scene.materials)
-    look = Look(environment=DAYLIGHT) if lit else Look()
+    settings = ViewSettings(environment=DAYLIGHT) if lit else ViewSettings()
     try:
-        seen = compare_views(scene, texf, VIEWS, SIZE, threads=options.threads, look=look)
+        seen = compare_views(scene, texf, VIEWS, SIZE, threads=options.threads, settings=settings)
     except InputError:
         return {}
     return {"lit" if lit else "flat": seen["psnr"]["y"], "outline": seen["union_psnr"]["y"]}

@@ -127,8 +127,8 @@ def _load_corners(corners, faces, f, g):
 
 @kernel
 def _misses_slab(g, axis, low, high):
-    """Whether no sample of the triangle can have low <= voxel index[axis] < high. All divisions of a row round down, so a sample
-    lies up to 2 * 2**-16 voxels below the triangle's least coordinate and never above its largest."""
+    """Return whether no sample of the triangle can have low <= voxel index[axis] < high. All divisions of a row round down, so a
+    sample lies up to 2 * 2**-16 voxels below the triangle's least coordinate and never above its largest."""
     first = (min(g[0, axis], min(g[1, axis], g[2, axis])) - 2) >> GRID_FRACTION
     last = max(g[0, axis], max(g[1, axis], g[2, axis])) >> GRID_FRACTION
     return first >= high or last < low

@@ -148,12 +148,12 @@ def _keys_of(table, squares, keys):
 
 
 def count_rows(uv: np.ndarray, faces: np.ndarray, fraction_bits: int) -> int:
-    """Number of rows that asked_texels() visits, computed in advance. Arguments as there."""
+    """Number of rows that referenced_texels() visits, computed in advance. Arguments as there."""
     return int(_count_rows(uv, faces, fraction_bits))
 
 
-def asked_texels(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tuple[int, int], wrap: tuple[int, int],
-                 most: int | None = None) -> np.ndarray:
+def referenced_texels(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tuple[int, int], wrap: tuple[int, int],
+                      most: int | None = None) -> np.ndarray:
     """Ascending Morton keys, int64 [N], of the texels that a surface references.
 
     uv: int64 [V, 2] in steps of 2**-fraction_bits texels, of magnitude below MAX_UV; faces: int64 [F, 3] in 0..V-1; size: (width,
@@ -175,7 +175,7 @@ def asked_texels(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tu
 def shown_area(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tuple[int, int], wrap: tuple[int, int],
                area: np.ndarray) -> np.ndarray:
     """Approximate area of the surface that each texel shows, float64 [height, width]: a face spreads its area evenly over the
-    texels that it references. area: float64 [F]; the others as in asked_texels(). Encoder only."""
+    texels that it references. area: float64 [F]; the others as in referenced_texels(). Encoder only."""
     table = np.zeros((size[1], size[0] + 1))
     corners = uv[faces].astype(np.float64) / (1 << fraction_bits)
     u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

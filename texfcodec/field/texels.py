@@ -124,5 +124,5 @@ def _bilinear(texel, size, wrap_s, wrap_t, shift, rank, values, out):
 
 
 def texels_are_sound(keys: np.ndarray, size: tuple[int, int]) -> bool:
-    """Whether keys are ascending Morton keys of texels of an image of size (width, height), at least one."""
+    """Return whether keys are ascending Morton keys of texels of an image of size (width, height), at least one."""
     return keys_are_sound(keys, max(size)) and bool((decode_morton(keys).max(axis=0) < [*size, 1]).all())

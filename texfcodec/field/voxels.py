@@ -72,7 +72,7 @@ def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, reso
 
 
 def keys_are_sound(keys: np.ndarray, size: int) -> bool:
-    """Whether keys are ascending Morton keys of voxels of a grid of `size` a side, at least one."""
+    """Return whether keys are ascending Morton keys of voxels of a grid of `size` a side, at least one."""
     if keys.ndim != 1 or not len(keys):
         return False
     ascending = keys[0] >= 0 and (np.diff(keys) > 0).all() and keys[-1] < 1 << 42

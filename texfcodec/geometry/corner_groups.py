@@ -65,7 +65,8 @@ def corner_groups(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRule
 
 
 def groups_of(lattice: np.ndarray, faces: np.ndarray, coded: np.ndarray, edges: Edges, sharp: np.ndarray) -> CornerGroups:
-    """As corner_groups(), for known edges. coded: bool [F]; edges: shared_edges() of the welded faces; sharp: bool [E]."""
+    """Groups of corner_groups(), from edges that are known. coded: bool [F]; edges: shared_edges() of the welded faces; sharp:
+    bool [E]."""
     vertex, normal = weld(lattice)[faces], reduced_normals(lattice, faces)
     rank, twins = _ranked(vertex)
     parent = joined(np.concatenate([_linked(edges, vertex, normal, sharp), twins]), 3 * len(faces))

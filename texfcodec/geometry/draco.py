@@ -21,7 +21,7 @@ _HEADER = b"DRACO\x02\x02\x01\x01\x00\x00"  # magic, version 2.2, mesh, edgebrea
 
 @dataclass(frozen=True)
 class UvCoding:
-    """How Draco carries UVs in 0..range, range being the larger of the two columns'. bits: of the quantisation; 0 for plain
+    """Coding of UVs by Draco in 0..range, range being the larger of the two columns'. bits: of the quantisation; 0 for plain
     integers."""
 
     bits: int

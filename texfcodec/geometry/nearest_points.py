@@ -51,7 +51,7 @@ class NearestPoints:
         """The nearest points. points: float64 [M, 3]. The result does not depend on threads.
 
         normals: float64 [M, 3]; a face that points against a point's normal counts as farther by `turn`, in the mesh's units, so
-        that of two sheets the one with the same orientation wins. group: int64 [M]; a face of another group than the point's also
+        that of two layers the one with the same orientation wins. group: int64 [M]; a face of another group than the point's also
         counts as farther by `turn`. The returned distance excludes this.
         """
         points = (np.asarray(points, np.float64) - self._middle) / self._half

@@ -56,7 +56,7 @@ class LatticeSettings(Protocol):
 
     @property
     def allow_empty(self) -> bool:
-        """Whether a surface without faces is acceptable."""
+        """True if a surface without faces is acceptable."""
 
 
 def make_surface(scene: Scene, options: LatticeSettings) -> Surface:

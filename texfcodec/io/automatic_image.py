@@ -47,7 +47,7 @@ def automatic_image(image: np.ndarray, step: float | None, srgb: bool = True) ->
 
 
 def _near_palette(image, tiles, allowed, srgb):
-    """As palette_of(), with the fewest colours whose mean squared error is at most `allowed`; None if 256 colours exceed it.
+    """Palette as of palette_of(), with the fewest colours whose mean squared error is at most `allowed`; None if 256 exceed it.
     Drawn images have few colours below the noise of coding."""
     few, near = tiles[::_FEW, ::_FEW], None
     if _error(few, _quantised(few, _PALETTES[0])[1], srgb) > allowed:  # what does not do for a part, does not for the whole

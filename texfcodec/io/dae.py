@@ -42,10 +42,10 @@ def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
         raise _nothing(errors, notes)
     asset = document.assetInfo
     placing = _placing(asset, notes)
-    look, parts, faces, pools = _Look(folder, notes), [], 0, VertexPools()
+    materials, parts, faces, pools = _ColladaMaterials(folder, notes), [], 0, VertexPools()
     for geometry in _geometries(document, notes):
         for primitive in geometry.original.primitives:
-            part = _part(primitive, geometry, look, (placing, pools), notes)
+            part = _part(primitive, geometry, materials, (placing, pools), notes)
             if part is not None:
                 parts.append(part)
                 faces += len(part.faces)
@@ -53,11 +53,11 @@ def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
     if not faces:
         raise _nothing(errors, notes)
     _drop_rest(document, notes)
-    turn_where_all_vanish(look.materials, "the COLLADA file", notes)
+    turn_where_all_vanish(materials.rows, "the COLLADA file", notes)
     exporters = " ".join(str(contributor.authoring_tool) for contributor in asset.contributors)
-    linearise_factors([material.factor for material in look.materials], exporters, "COLLADA file", notes)
+    linearise_factors([material.factor for material in materials.rows], exporters, "COLLADA file", notes)
     metadata = {"source_up_axis": placing.up, "source_unit_in_metres": placing.metres}
-    return assemble(parts, look.materials, look.shelf.textures, notes, metadata, pools)
+    return assemble(parts, materials.rows, materials.shelf.textures, notes, metadata, pools)
 
 
 def _placing(asset, notes):
@@ -136,7 +136,7 @@ def _geometries(document, notes):
             yield geometry
 
 
-def _part(source, geometry, look, world, notes):
+def _part(source, geometry, materials, world, notes):
     """Triangles, polylist or polygons of a bound geometry -> Part in world space, or None without a surface. world: (Placing,
     VertexPools) of the document."""
     label = f"geometry '{geometry.original.id}'"
@@ -155,7 +155,7 @@ def _part(source, geometry, look, world, notes):
     rows, corners = pools.take(id(source.vertex), source.vertex, corners)
     points = np.asarray(source.vertex if rows is None else source.vertex[rows], np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
     triangles, _ = triangulate(points, corners, sizes, notes)
-    row, texcoord = look.of(geometry.materialnodebysymbol.get(source.material))
+    row, texcoord = materials.of(geometry.materialnodebysymbol.get(source.material))
     uv, color = _uv(source, texcoord, triangles, label, notes), _color(source, triangles, label, notes)
     faces, normal = corners[triangles], _normal(source, triangles, matrix[:3, :3], label)
     if np.linalg.det(matrix[:3, :3]) < 0:
@@ -211,24 +211,24 @@ def _color(source, triangles, label, notes):
     return linear_rgba(unit_colours(stored[..., :4], notes, "colours of vertices"))
 
 
-class _Look:
+class _ColladaMaterials:
     """Scene materials by COLLADA material, and the UV set of each material's texture."""
 
     def __init__(self, folder, notes):
         self.folder, self.notes, self.shelf = folder, notes, TextureShelf(notes)
-        self.materials, self._rows = [], {}
+        self.rows, self._row_of = [], {}
 
     def of(self, node):
         """(index of the material, UV set number as text or None without a texture). node: pycollada's MaterialNode, or None."""
         material = getattr(node, "target", None)
         key = getattr(material, "id", None)
-        if key not in self._rows:
-            self._rows[key] = len(self.materials)
-            self.materials.append(Material("default") if material is None else self._make(material))
+        if key not in self._row_of:
+            self._row_of[key] = len(self.rows)
+            self.rows.append(Material("default") if material is None else self._make(material))
         diffuse: Any = getattr(getattr(material, "effect", None), "diffuse", None)  # of pycollada, which has no types
         if not hasattr(diffuse, "sampler"):
-            return self._rows[key], None
-        return self._rows[key], next((str(chosen or 0) for symbol, _, chosen in node.inputs if symbol == diffuse.texcoord), "0")
+            return self._row_of[key], None
+        return self._row_of[key], next((str(chosen or 0) for symbol, _, chosen in node.inputs if symbol == diffuse.texcoord), "0")
 
     def _make(self, material):
         effect, name = material.effect, material.name or material.id or ""

@@ -28,7 +28,7 @@ _SHOWN = 160  # characters of a name in a message
 
 
 def is_remote(name: str) -> bool:
-    """Whether a name is an address on a network, such as https://, and not a file."""
+    """Return whether a name is an address on a network, such as https://, and not a file."""
     return bool(_SCHEME.match(name)) and not name[:5].lower() == "file:"
 
 

@@ -185,7 +185,7 @@ def _read_file(path):
 
 
 def _guarded(read, code):
-    """What read() returns. Exceptions of damaged input become InputError with this code."""
+    """Return read()'s result. Exceptions of damaged input become InputError with this code."""
     try:
         with np.errstate(all="ignore"):  # overflow and NaN reach assemble as values, which it refuses or names
             return read()

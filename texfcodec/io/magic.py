@@ -102,7 +102,7 @@ def check_start(data: bytes, entry: Format) -> None:
 
 
 def _belongs_elsewhere(seen, entry):
-    """Whether data for a text format look like another format; text formats have no magic bytes."""
+    """Return whether data for a text format look like another format; text formats have no magic bytes."""
     own = {".gltf": "JSON", ".stl": "an STL", ".dae": "an XML"}.get(entry.suffix)
     return bool(seen) and seen != "UTF-16 text" and not (own and seen.startswith(own))
 

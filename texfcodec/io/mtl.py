@@ -18,7 +18,7 @@ from .colour_range import unit_colours
 from .file_search import read_file
 from .images import TextureShelf
 from .magic import as_utf8
-from .mtl_maps import STATEMENTS, MtlLook, alpha_mode_with, complete, map_lines, number_lines, with_alpha
+from .mtl_maps import STATEMENTS, MtlStatements, alpha_mode_with, complete, map_lines, number_lines, with_alpha
 from .parts import alpha_mode_of, linearise_factors
 from .visibility import vanishes
 
@@ -47,7 +47,7 @@ _SAME = 1e-3  # of numbers that are written with three digits
 class ObjMaterial:
     """An entry of a library (newmtl). factor: float64 [4], linear once the file is read; texture: file name or None; uv_scale,
     uv_offset: float64 [2], with v upwards; dissolve, transparency: numbers of `d` and `Tr`, or None; ambient_map: file name of
-    `map_Ka`; look: the statements of mtl_maps.py."""
+    `map_Ka`; statements: those of mtl_maps.py."""
 
     name: str
     factor: np.ndarray
@@ -58,12 +58,12 @@ class ObjMaterial:
     dissolve: float | None = None
     transparency: float | None = None
     ambient_map: str | None = None
-    look: MtlLook = field(default_factory=MtlLook)
+    statements: MtlStatements = field(default_factory=MtlStatements)
 
     @property
     def has_image(self) -> bool:
-        """Whether its faces need UVs."""
-        return bool(self.texture or self.look.maps)
+        """True if its faces need UVs."""
+        return bool(self.texture or self.statements.maps)
 
 
 def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
@@ -89,7 +89,7 @@ def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
     _set_range(materials, notes)
     for material in materials:
         _finish(material, notes)
-    emission = [ke for material in materials for ke in material.look.coded_emission()]
+    emission = [ke for material in materials for ke in material.statements.coded_emission()]
     linearise_factors([material.factor for material in materials] + emission, head, "MTL file", notes)
     return library
 
@@ -125,7 +125,7 @@ def _statement(material, key, rest, notes):
     elif lower == "map_kd":
         _base_map(material, rest, notes)
     elif lower in STATEMENTS:
-        material.look.put(key, *_split_options(rest))
+        material.statements.put(key, *_split_options(rest))
     elif lower in _MATTE or (lower in _GREY and _is_grey(rest)) or (lower in _ZERO and not any(map(_number, rest.split()))):
         notes.remark(f"{key} in the MTL file is left out")
     elif lower == "map_ka":
@@ -217,8 +217,8 @@ def _set_range(materials, notes):
 
 
 def _finish(material, notes):
-    if not material.texture and material.look.maps:
-        material.uv_scale, material.uv_offset, material.wrap = next(iter(material.look.maps.values())).place
+    if not material.texture and material.statements.maps:
+        material.uv_scale, material.uv_offset, material.wrap = next(iter(material.statements.maps.values())).place
     if material.texture and not material.factor[:3].any():
         notes.lose(f"Kd of material '{material.name}' (black under a texture)",
                    f"material '{material.name}' has a texture and a black Kd; a white Kd is used instead")
@@ -241,56 +241,57 @@ def _finish(material, notes):
 def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> Material:
     """ObjMaterial -> Material. Its textures go to the shelf. folder: folder of the images."""
     texture, name = -1, material.texture
-    joined = with_alpha(name, material.look, folder, shelf.notes)
+    joined = with_alpha(name, material.statements, folder, shelf.notes)
     if joined:
         texture = shelf.put(joined[0], joined[1], name or "map_d", material.wrap)
     if texture < 0 and name:
         texture = shelf.put(name, lambda: read_file(folder, name, shelf.notes), name, material.wrap)
-    mode = alpha_mode_with(material.look, shelf.textures[texture].image if texture >= 0 else None, alpha_mode_of(material.factor))
+    image = shelf.textures[texture].image if texture >= 0 else None
+    mode = alpha_mode_with(material.statements, image, alpha_mode_of(material.factor))
     out = Material(name=material.name, factor=material.factor, texture=texture, alpha_mode=mode)
-    complete(out, material.look, (material.uv_scale, material.uv_offset, material.wrap), folder, shelf)
+    complete(out, material.statements, (material.uv_scale, material.uv_offset, material.wrap), folder, shelf)
     return out
 
 
-def write_mtl(texf: Texf, look: Textured, image_names: list[str]) -> tuple[list[bytes], list[str]]:
+def write_mtl(texf: Texf, mesh: Textured, image_names: list[str]) -> tuple[list[bytes], list[str]]:
     """(pieces of the MTL file, an entry for each material and image; warnings on images that OBJ shows otherwise than the
-    stream). image_names: file names of look.textures."""
-    written, lines = [_write_map(look, n, name) for n, name in enumerate(image_names)], ["# texfcodec"]
+    stream). image_names: file names of mesh.textures."""
+    written, lines = [_write_map(mesh, n, name) for n, name in enumerate(image_names)], ["# texfcodec"]
     maps = [text for text, _ in written]
-    for name, material_look, images in zip(material_names(texf, look), look.looks.looks, look.images, strict=True):
-        lines += [f"newmtl {name}", "Ka 1 1 1", "Ks 0 0 0", "illum 1", *number_lines(material_look.material)]
+    for name, saved, images in zip(material_names(texf, mesh), mesh.materials.rows, mesh.images, strict=True):
+        lines += [f"newmtl {name}", "Ka 1 1 1", "Ks 0 0 0", "illum 1", *number_lines(saved.material)]
         for channel, image in images.items():
             if channel != BASE_COLOUR.name:
-                lines += map_lines(material_look.material, channel, maps[image])
+                lines += map_lines(saved.material, channel, maps[image])
                 continue
             lines.append(f"map_Kd {maps[image]}")
-            if look.textures[image].image.shape[2] == 4 and material_look.material.alpha_mode != ALPHA_OPAQUE:
+            if mesh.textures[image].image.shape[2] == 4 and saved.material.alpha_mode != ALPHA_OPAQUE:
                 lines.append(f"map_d {maps[image]}")
     return [("\n".join(lines) + "\n").encode()], [text for _, texts in written for text in texts]
 
 
-def _write_map(look, number, name):
+def _write_map(mesh, number, name):
     """(text behind a map's statement, warnings). OBJ repeats an image or clamps it along both axes. If UVs stay within the image,
     the option is left out, because some readers take it for a part of the file name."""
-    shown = np.array([number in images.values() for images in look.images], bool)[look.looks.face_look]
-    uv = look.corner_uv[shown]
+    shown = np.array([number in images.values() for images in mesh.images], bool)[mesh.materials.face_row]
+    uv = mesh.corner_uv[shown]
     beyond = ((uv < 0) | (uv > 1)).any(axis=(0, 1))
-    needed = {mode for mode, reached in zip(look.textures[number].wrap, beyond, strict=True) if reached}
+    needed = {mode for mode, reached in zip(mesh.textures[number].wrap, beyond, strict=True) if reached}
     warnings = []
     if WRAP_MIRROR in needed or len(needed) > 1:
         warnings.append(f"OBJ can neither mirror an image nor repeat it along one axis only: {name} repeats along both")
-    if look.textures[number].nearest:
+    if mesh.textures[number].nearest:
         warnings.append(f"OBJ cannot hold how an image is filtered: texels of {name}, which are squares, are blended")
     return (f"-clamp on {name}" if needed == {WRAP_CLAMP} else name), warnings
 
 
-def material_names(texf: Texf, look: Textured) -> list[str]:
-    """A distinct name without blanks for each of look.looks."""
-    shared = np.bincount([material_look.number for material_look in look.looks.looks], minlength=len(texf.materials)) > 1
+def material_names(texf: Texf, mesh: Textured) -> list[str]:
+    """A distinct name without blanks for each of mesh.materials."""
+    shared = np.bincount([saved.number for saved in mesh.materials.rows], minlength=len(texf.materials)) > 1
     names = ["_".join(material.name.split()) or "material" for material in texf.materials]
     distinct: list[str] = []
-    for material_look in look.looks.looks:
-        number = material_look.number
-        name = f"{number}_{names[number]}" + f"_{material_look.skin}" * bool(shared[number])
+    for saved in mesh.materials.rows:
+        number = saved.number
+        name = f"{number}_{names[number]}" + f"_{saved.skin}" * bool(shared[number])
         distinct.append(name + f"_{len(distinct)}" * (name in distinct))
     return distinct

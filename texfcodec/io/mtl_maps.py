@@ -51,7 +51,7 @@ class MtlMap:
 
 
 @dataclass
-class MtlLook:
+class MtlStatements:
     """Statements of an entry on light. numbers: float64 by statement in lower case, those of ke linear once the file is read and
     divided by peak; maps: MtlMap by channel, `bump` and `alpha` among them; peak: largest number of ke, at least 1."""
 
@@ -85,16 +85,16 @@ class MtlLook:
         return [self.numbers["ke"]]
 
 
-def complete(material: Material, look: MtlLook, place: tuple, folder: Path, shelf: TextureShelf) -> None:
+def complete(material: Material, statements: MtlStatements, place: tuple, folder: Path, shelf: TextureShelf) -> None:
     """Give a Material the maps and parameters of its entry. place: (scale, offset, wrap) of its faces' UVs; folder: folder of the
     images, which go to the shelf. If a map has another place, its options are named as dropped."""
-    for channel, mtl_map in look.maps.items():
-        if channel == "alpha" or channel == "bump" and "normal" in look.maps:
+    for channel, mtl_map in statements.maps.items():
+        if channel == "alpha" or channel == "bump" and "normal" in statements.maps:
             continue
         if _put(material, channel, mtl_map, (folder, place[2]), shelf) and mtl_map.place != place:
             shelf.notes.drop(f"-s, -o or -clamp of {mtl_map.statement} of material '{material.name}', which differ from those of "
                              "its first image")
-    _set_parameters(material, look)
+    _set_parameters(material, statements)
 
 
 def _put(material, channel, mtl_map, where, shelf):
@@ -116,31 +116,31 @@ def _put(material, channel, mtl_map, where, shelf):
 
 
 def _is_normal_map(image):
-    """Whether an image of `bump`, uint8 [H, W, 4], holds normals, as Blender writes, or heights."""
+    """Return whether an image of `bump`, uint8 [H, W, 4], holds normals, as Blender writes, or heights."""
     red, green, blue = image[..., :3].reshape(-1, 3).mean(axis=0)
     return bool(blue >= _BLUE and blue - max(red, green) >= _GREY)
 
 
-def _set_parameters(material, look):
+def _set_parameters(material, statements):
     """Set roughness, metalness and emission. A factor of 0 beside a map is ignored, because its exporters mean the map alone."""
     for statement, name, usual in (("pr", "roughness", 1.0), ("pm", "metallic", 1.0)):
-        value = float(min(look.numbers.get(statement, np.array([usual]))[0], 1.0))
+        value = float(min(statements.numbers.get(statement, np.array([usual]))[0], 1.0))
         if name in material.maps and value == 0:
             value = usual
-        if statement in look.numbers and value != usual:
+        if statement in statements.numbers and value != usual:
             material.parameters[name] = (value,)
-        elif name == "metallic" and (statement in look.numbers or name in material.maps):
+        elif name == "metallic" and (statement in statements.numbers or name in material.maps):
             material.parameters[name] = (usual,)
-    if "ke" in look.numbers or "emissive" in material.maps:
-        material.parameters["emissive"] = tuple(look.numbers.get("ke", np.ones(3)).tolist())
-    if look.peak > 1:
-        material.parameters["emissive_strength"] = (look.peak,)
+    if "ke" in statements.numbers or "emissive" in material.maps:
+        material.parameters["emissive"] = tuple(statements.numbers.get("ke", np.ones(3)).tolist())
+    if statements.peak > 1:
+        material.parameters["emissive_strength"] = (statements.peak,)
 
 
-def with_alpha(texture: str | None, look: MtlLook, folder: Path, notes: Notes) -> tuple[tuple, Callable] | None:
+def with_alpha(texture: str | None, statements: MtlStatements, folder: Path, notes: Notes) -> tuple[tuple, Callable] | None:
     """(key, fetch) for the shelf: the image of map_Kd, texture, with the alpha of map_d. None without map_d, or if both are the
     same image, which has its own alpha. fetch raises InputError TXF-I16, TXF-I17."""
-    opacity = look.maps.get("alpha")
+    opacity = statements.maps.get("alpha")
     if opacity is None or opacity.name == texture:
         return None
 
@@ -166,9 +166,9 @@ def _alpha_of(image):
     return np.ascontiguousarray(alpha if (alpha < 255).any() else image[..., :3].mean(axis=2).round().astype(np.uint8))
 
 
-def alpha_mode_with(look: MtlLook, image: np.ndarray | None, by_factor: int) -> int:
+def alpha_mode_with(statements: MtlStatements, image: np.ndarray | None, by_factor: int) -> int:
     """Alpha mode of a material. image: of its base colour, uint8 [H, W, 4], or None; by_factor: the mode by `d` alone."""
-    if "alpha" in look.maps and image is not None and (image[..., 3] < 255).any():
+    if "alpha" in statements.maps and image is not None and (image[..., 3] < 255).any():
         return ALPHA_BLEND
     return by_factor
 

@@ -355,22 +355,22 @@ def _plain(name):
     return " ".join(name.strip("\"'").split()).casefold()
 
 
-def write_obj_textured(texf: Texf, look: Textured, mtl_name: str) -> Iterator[bytes]:
+def write_obj_textured(texf: Texf, mesh: Textured, mtl_name: str) -> Iterator[bytes]:
     """Pieces of an OBJ file with shading normals, and texture coordinates, v upwards, if there are images. mtl_name: file name of
     the library."""
     yield f"# texfcodec\nmtllib {mtl_name}\n".encode()
     yield _write_rows(f"v {_number(texf)} {_number(texf)} {_number(texf)}\n", texf.positions)
     place = None
-    if look.textures:
-        uv, place = np.unique(look.corner_uv.reshape(-1, 2), axis=0, return_inverse=True)
+    if mesh.textures:
+        uv, place = np.unique(mesh.corner_uv.reshape(-1, 2), axis=0, return_inverse=True)
         yield _write_rows("vt %.8g %.8g\n", np.stack([uv[:, 0], 1.0 - uv[:, 1]], 1))
         place = place.reshape(-1, 3)
     normal = _normals_of(texf)
     yield _normal_rows(normal)
-    names = material_names(texf, look)
-    for number in np.unique(look.looks.face_look):
+    names = material_names(texf, mesh)
+    for number in np.unique(mesh.materials.face_row):
         yield f"usemtl {names[number]}\n".encode()
-        yield _face_rows(look.looks.face_look == number, texf.faces, place, normal[1])
+        yield _face_rows(mesh.materials.face_row == number, texf.faces, place, normal[1])
 
 
 def write_obj_coloured(texf: Texf) -> Iterator[bytes]:

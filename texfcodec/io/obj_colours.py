@@ -109,7 +109,7 @@ def _polypaint(rows, out):
 
 
 def _numbered(rows, out, notes):
-    """As _polypaint(), for vcolor lines; None if a line is not numbers."""
+    """Read vcolor lines as _polypaint() does its own; None if a line is not numbers."""
     values = parse_numbers(b" ".join(text for _, text in rows), np.float64)
     if values is None or len(values) not in (3 * len(rows), 4 * len(rows)):
         return None

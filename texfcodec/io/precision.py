@@ -14,7 +14,8 @@ _TAME = 1e15  # beyond this (or below its inverse) float32 squares, which every 
 
 
 def float32_is_enough(texf: Texf) -> bool:
-    """Whether float32 holds world coordinates to a quarter of the lattice spacing, and in a range that viewers can square."""
+    """Return whether float32 holds world coordinates to a quarter of the lattice spacing, and in a range that viewers can
+    square."""
     if len(texf.positions) == 0 or not texf.side > 0:
         return bool(np.abs(texf.positions).max(initial=0.0) < _TAME)
     return reach(texf) * 2.0**-24 <= spacing(texf) / 4 and reach(texf) < _TAME and texf.side > 1 / _TAME

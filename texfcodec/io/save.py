@@ -33,8 +33,8 @@ def save(texf: Texf, path: str | PathLike, appearance: str | None = None, textur
     appearance : {"texture", "vertex", "voxels"}, optional
         "texture": fields over texels keep their images and UVs, and all fields over voxels are baked into one atlas. "vertex":
         colours at vertices. "voxels": a point cloud of voxel centres. None means "texture", but "vertex" for PLY, which has no
-        textures, and for materials of a GLB or glTF if colours at vertices show their field as well as an image (vertex_fit.py).
-        An NPZ holds every decoded array (npz.arrays()).
+        textures, and for materials of a GLB or glTF if colours at vertices show their field as well as an image
+        (vertex_colour_fit.py). An NPZ holds every decoded array (npz.arrays()).
     texture_size : int, optional
         Side of the atlas in texels. Fields over texels ignore it, and atlas too.
     atlas : {"auto", "quality", "fast"}

@@ -33,7 +33,7 @@ Images = list[tuple[ImageFormat, bytes]]
 
 @dataclass(frozen=True, kw_only=True)
 class SaveReport:
-    """What save() reports.
+    """Report of save().
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ def _glb(texf: Texf, path: Path, choice: SaveChoice, report: SaveReport) -> tupl
     from .gltf import writer
 
     if choice.appearance == "texture":
-        look, images, report = _textured(texf, choice, report)
-        document = writer.textured(texf, look, [*images], packing_of(choice.options.compress))
+        mesh, images, report = _textured(texf, choice, report)
+        document = writer.textured(texf, mesh, [*images], packing_of(choice.options.compress))
     else:
         document = _without_texture(texf, choice)
     _carry(document, choice)
@@ -139,11 +139,11 @@ def _gltf(texf: Texf, path: Path, choice: SaveChoice, report: SaveReport) -> tup
 
     files: Files = []
     if choice.appearance == "texture":
-        look, images, report = _textured(texf, choice, report)
+        mesh, images, report = _textured(texf, choice, report)
         files += _image_files(path.stem, images)
         named: list[tuple[ImageFormat, str | bytes]]
         named = [(form, quote(name)) for (form, _), (name, _) in zip(images, files, strict=True)]
-        document = writer.textured(texf, look, named, packing_of(choice.options.compress))
+        document = writer.textured(texf, mesh, named, packing_of(choice.options.compress))
     else:
         document = _without_texture(texf, choice)
     _carry(document, choice)
@@ -164,20 +164,20 @@ def _obj(texf: Texf, path: Path, choice: SaveChoice, report: SaveReport) -> tupl
         return [(path.name, write_obj_points(texf))], report
     if in_colours:
         return [(path.name, write_obj_coloured(texf))], report
-    stem, (look, images, report) = without_blanks(path.stem), _textured(texf, choice, report)
+    stem, (mesh, images, report) = without_blanks(path.stem), _textured(texf, choice, report)
     files = _image_files(stem, images)
-    extended = sorted({statement for maps in look.images for name in maps for statement in MAP_STATEMENTS.get(name, ())})
+    extended = sorted({statement for maps in mesh.images for name in maps for statement in MAP_STATEMENTS.get(name, ())})
     if extended:
         text = f"some readers of MTL do not know {', '.join(extended)}, which hold maps of light"
         report = replace(report, remarks=(*report.remarks, text))
-    mtl, warnings = write_mtl(texf, look, [name for name, _ in files])
-    main = write_obj_textured(texf, look, stem + ".mtl")
+    mtl, warnings = write_mtl(texf, mesh, [name for name, _ in files])
+    main = write_obj_textured(texf, mesh, stem + ".mtl")
     return [*files, (stem + ".mtl", mtl), (path.name, main)], report.warn(warnings)
 
 
 def _ply(texf: Texf, path: Path, choice: SaveChoice, report: SaveReport) -> tuple[Files, SaveReport]:
     from .ply import write_ply_points, write_ply_surface
-    from .vertex_fit import NO_LESS, psnr_at_vertices
+    from .vertex_colour_fit import NO_LESS, psnr_at_vertices
 
     report = _name_losses(texf, report, "PLY", choice.appearance, IN_COLOURS)
     if choice.appearance == "voxels":
@@ -218,31 +218,31 @@ def _textured(texf: Texf, choice: SaveChoice, report: SaveReport) -> tuple[Textu
     """(Textured, its textures as image files, the report with the warnings and seams of both)."""
     from .output_textures import textured
 
-    assert choice.looks is not None  # of what is written with images
-    look = textured(texf, choice.looks, choice.options.texture_size, choice.options.atlas)
-    report = report.warn(look.warnings)
-    skins = [part.skin for part in look.looks.looks]
-    ours = np.array([skin >= 0 and look.looks.skins[skin].field is None for skin in skins], bool)
-    shown = np.flatnonzero((look.face_image >= 0) & ours[look.looks.face_look])
+    assert choice.materials is not None  # of what is written with images
+    mesh = textured(texf, choice.materials, choice.options.texture_size, choice.options.atlas)
+    report = report.warn(mesh.warnings)
+    skins = [part.skin for part in mesh.materials.rows]
+    ours = np.array([skin >= 0 and mesh.materials.skins[skin].field is None for skin in skins], bool)
+    shown = np.flatnonzero((mesh.face_image >= 0) & ours[mesh.materials.face_row])
     if len(shown):
-        seams = measure_seams(texf.lattice_positions, texf.faces[shown], look.corner_uv[shown], look.textures,
-                              look.face_image[shown])
+        seams = measure_seams(texf.lattice_positions, texf.faces[shown], mesh.corner_uv[shown], mesh.textures,
+                              mesh.face_image[shown])
         report = replace(report, seams=seams)
-    look = with_shared_images(look, tints=not choice.looks.apart)
-    images, warnings = encoded_images(look, choice.options.texture_format, texf.threads, choice.options.texture_quality)
-    return look, images, report.warn(warnings)
+    mesh = with_shared_images(mesh, tints=not choice.materials.apart)
+    images, warnings = encoded_images(mesh, choice.options.texture_format, texf.threads, choice.options.texture_quality)
+    return mesh, images, report.warn(warnings)
 
 
-def encoded_images(look: Textured, texture_format: str, threads: int, quality: int | None = None) -> tuple[Images, list[str]]:
+def encoded_images(mesh: Textured, texture_format: str, threads: int, quality: int | None = None) -> tuple[Images, list[str]]:
     """(textures of a Textured as image files, warnings). Several images are encoded at a time. texture_format, quality: as of
     SaveOptions."""
     wanted = None if texture_format == AUTO else IMAGE_FORMATS[texture_format]
-    fitting = [(None, ()) if wanted is None else format_for(texture.image, wanted) for texture in look.textures]
+    fitting = [(None, ()) if wanted is None else format_for(texture.image, wanted) for texture in mesh.textures]
 
     def encoded(number):
-        texture, form = look.textures[number], fitting[number][0]
+        texture, form = mesh.textures[number], fitting[number][0]
         if form is None:
-            return automatic_image(texture.image, look.steps[number], texture.srgb)
+            return automatic_image(texture.image, mesh.steps[number], texture.srgb)
         return form, encode_image(texture.image, form, None if form.quality is None else quality, texture.srgb)
 
     at_once = 1 if texture_format == "ktx2" else threads  # its encoder is not known to be safe twice at a time

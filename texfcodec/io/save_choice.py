@@ -1,4 +1,4 @@
-"""How a decoded stream is saved: choose() fills in what a request leaves open and refuses what cannot be had."""
+"""Choice of how a decoded stream is saved: choose() fills in what a request leaves open and refuses what cannot be had."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ..errors import InputError
 from .formats import APPEARANCES, AUTO, IMAGE_FORMATS, SAVED_SUFFIXES, ImageFormat
 from .gltf.packing import check_compression
 from .images import check_image_format
-from .looks import Looks, looks_of
 from .mtl_maps import MTL_CHANNELS
+from .saved_materials import SavedMaterials, saved_materials_of
 
 if TYPE_CHECKING:
     from ..texf import Texf
@@ -53,13 +53,13 @@ class SaveOptions:
 
     @property
     def settles_images(self) -> bool:
-        """Whether the request has an option that only images have."""
+        """True if the request has an option that only images have."""
         return self.texture_size is not None or self.atlas != "auto" or self.texture_format != AUTO
 
 
 @dataclass(frozen=True, kw_only=True)
 class SaveChoice:
-    """How a stream is saved.
+    """Choice of how a stream is saved.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ class SaveChoice:
         The appearance that was chosen.
     options : SaveOptions
         The request.
-    looks : Looks, optional
-        Looks of a surface that is written with images, else None.
+    materials : SavedMaterials, optional
+        Materials of a surface that is written with images, else None.
     sketched : bool
         Whether colours are at vertices because the format has no place for images.
     warnings, remarks : tuple of str
@@ -80,7 +80,7 @@ class SaveChoice:
     suffix: str
     appearance: str
     options: SaveOptions
-    looks: Looks | None = None
+    materials: SavedMaterials | None = None
     sketched: bool = False
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
@@ -101,7 +101,7 @@ def choose(texf: Texf | None, path: Path, options: SaveOptions) -> SaveChoice:
     Returns
     -------
     SaveChoice
-        Without texf it has no looks.
+        Without texf it has no materials.
 
     Raises
     ------
@@ -126,21 +126,21 @@ def choose(texf: Texf | None, path: Path, options: SaveOptions) -> SaveChoice:
     appearance = ("vertex" if suffix == ".ply" else "texture") if wanted is None else wanted
     _check_packing(suffix, appearance, options)
     settled = wanted is not None or options.settles_images
-    looks, remarks = (None, ()) if texf is None else _looks(texf, suffix, appearance, settled)
-    return SaveChoice(suffix=suffix, appearance=appearance, options=options, looks=looks, sketched=sketched,
+    materials, remarks = (None, ()) if texf is None else _saved_materials(texf, suffix, appearance, settled)
+    return SaveChoice(suffix=suffix, appearance=appearance, options=options, materials=materials, sketched=sketched,
                       warnings=tuple(warnings), remarks=remarks)
 
 
-def _looks(texf: Texf, suffix: str, appearance: str, settled: bool) -> tuple[Looks | None, tuple[str, ...]]:
-    """(Looks of a surface that is written with images, else None; remarks). settled: whether the request rules out colours at
+def _saved_materials(texf: Texf, suffix: str, appearance: str, settled: bool) -> tuple[SavedMaterials | None, tuple[str, ...]]:
+    """(Materials of a surface that is written with images, else None; remarks). settled: whether the request rules out colours at
     vertices in place of images."""
     if appearance != "texture" or suffix not in (".glb", ".gltf", ".obj"):
         return None, ()
-    looks = looks_of(texf, MTL_CHANNELS if suffix == ".obj" else None, suffix != ".obj" and not settled)
-    if not looks.opaque or suffix == ".obj":
-        return looks, ()
-    names = f"{', '.join(looks.opaque[:5])}{' and others' * (len(looks.opaque) > 5)}"
-    return looks, (f"alpha is 1 everywhere on {names}: written as opaque",)
+    materials = saved_materials_of(texf, MTL_CHANNELS if suffix == ".obj" else None, suffix != ".obj" and not settled)
+    if not materials.opaque or suffix == ".obj":
+        return materials, ()
+    names = f"{', '.join(materials.opaque[:5])}{' and others' * (len(materials.opaque) > 5)}"
+    return materials, (f"alpha is 1 everywhere on {names}: written as opaque",)
 
 
 def _check_packing(suffix: str, appearance: str, options: SaveOptions) -> None:
@@ -187,7 +187,7 @@ def side_names(path: Path, choice: SaveChoice) -> list[str]:
         File names without folder, images first.
     """
     stem = path.stem if choice.suffix == ".gltf" else without_blanks(path.stem)
-    count = choice.looks.image_count if choice.looks is not None and choice.suffix != ".glb" else 0
+    count = choice.materials.image_count if choice.materials is not None and choice.suffix != ".glb" else 0
     form = IMAGE_FORMATS["png" if choice.options.texture_format == AUTO else choice.options.texture_format]
     images = image_names(stem, [form] * count)
     if choice.suffix == ".gltf":

@@ -27,14 +27,14 @@ BLOCK, THUMB = 8, 48  # texels a side of a block; about as many samples a side s
 _LUT = srgb_to_linear(np.arange(256) / 255.0)
 
 
-def with_shared_images(look: Textured, tints: bool) -> Textured:
+def with_shared_images(mesh: Textured, tints: bool) -> Textured:
     """The Textured with equal images merged. tints: whether images of base colour that are multiples of each other also become a
     joint image and factors of their materials. The atlas of fields over voxels stays."""
-    textures, into = list(look.textures), _first_equals(look.textures)
+    textures, into = list(mesh.textures), _first_equals(mesh.textures)
     factors: dict[int, np.ndarray] = {}  # by number of the image that is left out, or kept as the joint one
-    for group in _tint_groups(look, [number for number in _colours_over_texels(look) if into[number] == number]) if tints else ():
+    for group in _tint_groups(mesh, [number for number in _colours_over_texels(mesh) if into[number] == number]) if tints else ():
         joint = _joint_image(textures, group)
-        trial_factors = {number: _factor(joint, look, number) for number in group}
+        trial_factors = {number: _factor(joint, mesh, number) for number in group}
         fitting = {number: factor for number, factor in trial_factors.items() if factor is not None}
         if len(fitting) < 2:
             continue
@@ -42,8 +42,8 @@ def with_shared_images(look: Textured, tints: bool) -> Textured:
         textures[first] = replace(textures[first], image=joint)
         factors |= fitting
         into = {number: first if kept in fitting else kept for number, kept in into.items()}
-        factors |= {number: fitting[kept] for number, kept in _first_equals(look.textures).items() if kept in fitting}
-    return _with(look, textures, into, factors)
+        factors |= {number: fitting[kept] for number, kept in _first_equals(mesh.textures).items() if kept in fitting}
+    return _with(mesh, textures, into, factors)
 
 
 def _first_equals(textures):
@@ -54,26 +54,26 @@ def _first_equals(textures):
     return into
 
 
-def _with(look, textures, into, factors):
+def _with(mesh, textures, into, factors):
     """The Textured with images renumbered. into: {number of an image: number of the image in its place}; factors: of materials,
     by number of the image."""
     kept = sorted(set(into.values()))
     place = {number: kept.index(first) for number, first in into.items()}
-    looks = []
-    for material_look, images in zip(look.looks.looks, look.images, strict=True):
+    rows = []
+    for saved, images in zip(mesh.materials.rows, mesh.images, strict=True):
         factor = factors.get(images.get(BASE_COLOUR.name, -1))
         if factor is not None:
-            material = material_look.material
-            material_look = replace(material_look, material=replace(material, factor=material.factor * np.append(factor, 1.0)))
-        looks.append(material_look)
-    images = [{name: place[number] for name, number in images.items()} for images in look.images]
-    steps = [look.steps[number] for number in kept]
-    return replace(look, textures=[textures[number] for number in kept], steps=steps, images=images,
-                   looks=replace(look.looks, looks=looks))
+            material = saved.material
+            saved = replace(saved, material=replace(material, factor=material.factor * np.append(factor, 1.0)))
+        rows.append(saved)
+    images = [{name: place[number] for name, number in images.items()} for images in mesh.images]
+    steps = [mesh.steps[number] for number in kept]
+    return replace(mesh, textures=[textures[number] for number in kept], steps=steps, images=images,
+                   materials=replace(mesh.materials, rows=rows))
 
 
 def _is_equal(first: Texture, other: Texture) -> bool:
-    """Whether two textures are equal in image, coding, wrap and filter."""
+    """Return whether two textures are equal in image, coding, wrap and filter."""
     return _kind(first) == _kind(other) and np.array_equal(first.image, other.image)
 
 
@@ -81,22 +81,22 @@ def _kind(texture):
     return texture.wrap, texture.srgb, texture.nearest
 
 
-def _colours_over_texels(look):
+def _colours_over_texels(mesh):
     """Numbers of the images of base colour that belong to fields over texels."""
-    return sorted({images[BASE_COLOUR.name] for material_look, images in zip(look.looks.looks, look.images, strict=True)
-                   if BASE_COLOUR.name in images and look.looks.skins[material_look.skin].field is not None})
+    return sorted({images[BASE_COLOUR.name] for saved, images in zip(mesh.materials.rows, mesh.images, strict=True)
+                   if BASE_COLOUR.name in images and mesh.materials.skins[saved.skin].field is not None})
 
 
-def _tint_groups(look, numbers):
+def _tint_groups(mesh, numbers):
     """Groups of two or more images that are multiples of the group's first, according to samples."""
     groups: list[list[int]] = []
-    thumbs = {number: _LUT[_thumb(look.textures[number].image)] for number in numbers}
+    thumbs = {number: _LUT[_thumb(mesh.textures[number].image)] for number in numbers}
     for number in numbers:
-        texture = look.textures[number]
+        texture = mesh.textures[number]
         for group in groups:
-            first = look.textures[group[0]]
+            first = mesh.textures[group[0]]
             if (_kind(first), first.image.shape) == (_kind(texture), texture.image.shape) and _are_multiples(
-                    thumbs[group[0]], thumbs[number], 2 * _tolerances(look, number)[0] + 2):
+                    thumbs[group[0]], thumbs[number], 2 * _tolerances(mesh, number)[0] + 2):
                 group.append(number)
                 break
         else:
@@ -110,7 +110,7 @@ def _thumb(image):
 
 
 def _are_multiples(first, other, tolerance):
-    """Whether each channel of two linear images, float64 [H, W, 3], is a multiple of the other image's. tolerance: RMS in
+    """Return whether each channel of two linear images, float64 [H, W, 3], is a multiple of the other image's. tolerance: RMS in
     levels."""
     for c in range(3):
         bright, dark = sorted((first[..., c], other[..., c]), key=np.mean, reverse=True)
@@ -128,10 +128,10 @@ def _joint_image(textures, group):
     return joint
 
 
-def _factor(joint, look, number):
+def _factor(joint, mesh, number):
     """The factor float64 [3] that turns the joint image into image `number`; None if no factor does."""
-    image, factor = look.textures[number].image, np.ones(3)
-    whole, block = _tolerances(look, number)
+    image, factor = mesh.textures[number].image, np.ones(3)
+    whole, block = _tolerances(mesh, number)
     if image.shape[2] == 4 and not np.array_equal(image[..., 3], joint[..., 3]):
         return None
     for c in range(3):
@@ -143,9 +143,9 @@ def _factor(joint, look, number):
     return factor
 
 
-def _tolerances(look, number):
+def _tolerances(mesh, number):
     """(largest RMS error of an image, largest of a block of it), in levels."""
-    step = look.steps[number] or 0.0
+    step = mesh.steps[number] or 0.0
     return max(EXACT, STEPS[0] * step), max(4 * EXACT, STEPS[1] * step)
 
 

@@ -21,7 +21,7 @@ _COARSE = np.array([[1, 1, 1], [3, 0, 0], [0, 3, 0], [0, 0, 3], [1.5, 1.5, 0], [
 
 
 def vanishes(alphas: list[float]) -> bool:
-    """Whether some material is invisible and none is opaque, which nobody means. alphas: of a file's materials."""
+    """Return whether some material is invisible and none is opaque, which nobody means. alphas: of a file's materials."""
     return any(not alpha > 0 for alpha in alphas) and not any(alpha >= 1 for alpha in alphas)
 
 
@@ -52,7 +52,7 @@ def name_invisible(scene: Scene, notes: Notes) -> None:
 
 
 def _shows(scene, number):
-    """Whether any point on the faces of material `number` is visible."""
+    """Return whether any point on the faces of material `number` is visible."""
     material, faces = scene.materials[number], np.flatnonzero(scene.face_material == number)
     least = material.alpha_cutoff if material.alpha_mode == ALPHA_MASK else np.nextafter(0, 1)
     image = None if material.texture < 0 else scene.textures[material.texture].image[..., 3]
@@ -60,10 +60,10 @@ def _shows(scene, number):
     bound = material.factor[3] * (1.0 if colour is None else colour.max()) * (1.0 if image is None else image.max() / 255.0)
     if bound < least or image is None:  # without an image a corner has the most
         return bound >= least
-    return any(_most(scene, number, faces[part], points) >= least for part, points in _looks(len(faces)))
+    return any(_most(scene, number, faces[part], points) >= least for part, points in _rounds(len(faces)))
 
 
-def _looks(count) -> Iterator[tuple[slice, np.ndarray]]:
+def _rounds(count) -> Iterator[tuple[slice, np.ndarray]]:
     """Yields (faces, barycentric points [N, 3]) to test, cheapest first. count: number of faces."""
     yield slice(0, count, max(1, count // _FEW)), _COARSE
     for begin in range(0, count, _BLOCK):

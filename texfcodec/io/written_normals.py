@@ -14,7 +14,7 @@ _SAME = 1 - 1e-4  # cosine of the angle, 0.8 degrees, within which normals at a 
 
 
 def are_lit(texf: Texf) -> bool:
-    """Whether any used material is lit, so that normals change the picture."""
+    """Return whether any used material is lit, so that normals change the picture."""
     return any(not texf.materials[number].unlit for number in np.unique(texf.face_material).tolist())
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # Of the square root of a mesh's area: by so much farther counts a face that looks the other way or has another material. A
 # person has 1.3 sides of that, so it is 0.7 % of the side, some voxels: more than surfaces are moved, and less than the thickness
 # of most parts.
-SHEETS = 4 / 500_000**0.5
+FACING_PENALTY = 4 / 500_000**0.5
 
 
 class Places(NamedTuple):
@@ -123,7 +123,7 @@ class FaceMatch:
 
 
 class Sheets:
-    """Finds nearest points of a mesh, and prefers the sheet that faces the same way if it is about as near.
+    """Finds nearest points of a mesh, and prefers the layer that faces the same way if it is about as near.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class Sheets:
         self._points = NearestPoints(mesh, group)
         middle, half = mesh.frame()
         area = face_areas((mesh.positions - middle) / half, mesh.faces).sum()
-        self._gap = float(SHEETS * half * np.sqrt(area))
+        self._gap = float(FACING_PENALTY * half * np.sqrt(area))
 
     def find(self, points: np.ndarray, normals: np.ndarray, group: np.ndarray | None = None, threads: int = 1) -> Nearest:
         """Points of the mesh nearest to given points.

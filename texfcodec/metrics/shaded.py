@@ -24,7 +24,7 @@ from ..scene.srgb import linear_to_srgb
 from ..texf import Texf
 from .angular_error import angular_error
 from .face_match import FaceMatch
-from .views import SIZE, VIEWS, Look, compare_views
+from .views import SIZE, VIEWS, ViewSettings, compare_views
 
 SAMPLES = 200_000
 BLOCK = 1 << 16  # points asked at a time
@@ -41,7 +41,7 @@ def compare_shaded(reference: Scene, other: Scene | Texf, views: int = VIEWS, si
     views, size, threads, on_view
         As of compare_views().
     mipmaps : bool
-        Sample minified maps as viewers do, see views.Look.
+        Sample minified maps as viewers do, see views.ViewSettings.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def compare_shaded(reference: Scene, other: Scene | Texf, views: int = VIEWS, si
         TXF-I95 and TXF-I99.
     """
     seen = compare_views(reference, other, views, size, threads=threads, on_view=on_view,
-                         look=Look(environment=DAYLIGHT, mipmaps=mipmaps))
+                         settings=ViewSettings(environment=DAYLIGHT, mipmaps=mipmaps))
     shown = {name: seen[name] for name in ("psnr", "union_psnr", "views", "size", "pixels")}
     return shown | compare_channels(reference, other, threads=threads)
 

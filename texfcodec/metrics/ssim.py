@@ -111,7 +111,8 @@ def _compare_row(sums, inside, gain_x, gain_y, place, values, slopes):
 
 @kernel(allocates=True)
 def _compare_band(a, b, inside, taps, gain_x, gain_y, box, values, slopes):
-    """As _compare_row for the rows and columns (top, bottom, left, right) of box, which lies in the image. a, b: [H, W C]."""
+    """Compare the rows and columns (top, bottom, left, right) of box, which lies in the image; see _compare_row. a, b: [H, W
+    C]."""
     top, bottom, left, right = box
     height, width = inside.shape
     step = a.shape[1] // width

@@ -77,7 +77,7 @@ class SurfaceDistance:
 
     @property
     def d2(self) -> float:
-        """As d1, of distances along the source's normals."""
+        """PSNR of distances along the source's normals; the rest as in d1."""
         return decibels(max(self.of_mesh.plane, self.of_source.plane) / 3, self.side)
 
     @property

@@ -55,7 +55,7 @@ class _View:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
+class ViewSettings:
     """Settings of the views.
 
     Parameters
@@ -73,7 +73,7 @@ class Look:
 
 def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIEWS, size: int = SIZE, ssim: bool = False,
                   lpips: Callable[[np.ndarray, np.ndarray], float] | None = None, threads: int = 1,
-                  on_view: Callable[[int, int], object] | None = None, look: Look | None = None) -> dict:
+                  on_view: Callable[[int, int], object] | None = None, settings: ViewSettings | None = None) -> dict:
     """Image metrics of other against reference.
 
     Parameters
@@ -92,7 +92,7 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
         Views at a time; the result does not depend on it.
     on_view : function, optional
         Called with (views done, views) after each, in order.
-    look : Look, optional
+    settings : ViewSettings, optional
         Settings of both sides' views; None for the protocol's.
 
     Returns
@@ -119,8 +119,8 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
     """
     if views < 1 or size < 1:
         raise ValueError(f"there must be at least one view of one pixel, not {views} of {size}")
-    cameras, look = _cameras(reference, views, size), look or Look()
-    render_reference, render_other = renderer(reference, look), renderer(other, look)
+    cameras, settings = _cameras(reference, views, size), settings or ViewSettings()
+    render_reference, render_other = renderer(reference, settings), renderer(other, settings)
 
     def compare_view(i):
         return _compare(render_reference(cameras[i]), render_other(cameras[i]), ssim, lpips)
@@ -139,16 +139,16 @@ class KeptViews:
 
     Parameters
     ----------
-    reference, views, size, look
+    reference, views, size, settings
         As of compare_views().
     """
 
-    def __init__(self, reference: Scene | Texf, views: int, size: int, look: Look) -> None:
-        self._cameras, self._look, self._size = _cameras(reference, views, size), look, size
-        self._pictures = [renderer(reference, look)(camera) for camera in self._cameras]
+    def __init__(self, reference: Scene | Texf, views: int, size: int, settings: ViewSettings) -> None:
+        self._cameras, self._settings, self._size = _cameras(reference, views, size), settings, size
+        self._pictures = [renderer(reference, settings)(camera) for camera in self._cameras]
 
     def compare(self, other: Scene | Texf, threads: int = 1) -> dict:
-        """As compare_views(), without SSIM and LPIPS.
+        """Compare the reference with another asset; see compare_views().
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class KeptViews:
         dict
             As of compare_views().
         """
-        render = renderer(other, self._look)
+        render = renderer(other, self._settings)
         with ThreadPoolExecutor(threads) as pool:
             seen = list(pool.map(lambda camera, picture: _compare(picture, render(camera), False, None), self._cameras,
                                  self._pictures))
@@ -182,14 +182,14 @@ def _figures(seen, views, size):
             "pixels": sum(view.pixels for view in seen)}
 
 
-def renderer(side: Scene | Texf, look: Look) -> Callable[[Camera], Picture]:
+def renderer(side: Scene | Texf, settings: ViewSettings) -> Callable[[Camera], Picture]:
     """Function that draws a Scene or Texf from a camera, with all back faces culled.
 
     Parameters
     ----------
     side : Scene or Texf
         The asset.
-    look : Look
+    settings : ViewSettings
         Light and sampling.
 
     Returns
@@ -198,10 +198,10 @@ def renderer(side: Scene | Texf, look: Look) -> Callable[[Camera], Picture]:
         Draws one view.
     """
     side = replace(side, materials=[replace(m, double_sided=False) for m in side.materials])
-    light = None if look.environment is None else Lighting(side, look.environment, look.mipmaps)
+    light = None if settings.environment is None else Lighting(side, settings.environment, settings.mipmaps)
     if isinstance(side, Texf):
-        return lambda camera: render_texf(side, camera, filtering=look.mipmaps, shaded=light)
-    source = Textures(side, pack_source, MipScenes(side)) if look.mipmaps else pack_source(side)
+        return lambda camera: render_texf(side, camera, filtering=settings.mipmaps, shaded=light)
+    source = Textures(side, pack_source, MipScenes(side)) if settings.mipmaps else pack_source(side)
     return lambda camera: render_scene(side, camera, source=source, shaded=light)
 
 
@@ -301,12 +301,12 @@ def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, 
 
 
 def _has_alpha(scene):
-    """Whether any material uses alpha."""
+    """Return whether any material uses alpha."""
     return any(m.alpha_mode != ALPHA_OPAQUE for m in scene.materials)
 
 
 class MeshColours:
-    """Colours of a mesh at the points nearest to given points, on the sheet that faces the same way.
+    """Colours of a mesh at the points nearest to given points, on the layer that faces the same way.
 
     Parameters
     ----------

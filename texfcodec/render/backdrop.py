@@ -45,8 +45,8 @@ def rows(background: Background, height: int) -> np.ndarray:
     return np.rint(ends[0] * (1 - share) + ends[-1] * share).astype(np.uint8)
 
 
-def is_plain(asset: Scene | Texf) -> bool:
-    """Whether the base colour has no more than FEW colours, so that a picture without light shows an outline and no shape.
+def is_nearly_uniform(asset: Scene | Texf) -> bool:
+    """Return whether the base colour has no more than FEW colours, so that a picture without light shows an outline and no shape.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def _colours(asset, face, bary):
 
 
 def has_few_colours(colours: np.ndarray) -> bool:
-    """Whether at most FEW colours cover all but a share of MOST_OTHERS.
+    """Return whether at most FEW colours cover all but a share of MOST_OTHERS.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ CLOSED = 1 / 1024  # a pixel that lets less than this through is done
 
 
 def see_through(materials: list[Material], face_material: np.ndarray) -> bool:
-    """Whether any face has a material that uses alpha.
+    """Return whether any face has a material that uses alpha.
 
     Parameters
     ----------

@@ -176,7 +176,7 @@ def cosine_lobe() -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def ggx_lobe(alpha: float) -> np.ndarray:
-    """As cosine_lobe(), for the light that GGX reflects when seen straight on, weighted by the light's cosine.
+    """Lobe of the light that GGX reflects when seen straight on, weighted by the light's cosine; see cosine_lobe().
 
     Parameters
     ----------

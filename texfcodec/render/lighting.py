@@ -14,13 +14,13 @@ from ..scene.channels import BY_NAME
 from ..scene.factors import FLAT, linear_values, neutral_values
 from ..scene.scene import Scene
 from .environment import DAYLIGHT, Environment
+from .field_sampler import surface_points
 from .lit_field import FieldMaps
 from .lit_scene import SceneMaps
 from .lobes import build_tables
 from .material import expose, shade
 from .material_effects import ShadingTable
-from .questions import surface_points
-from .surface import Points
+from .shading_points import ShadingPoints
 from .tangent_frames import deviated_normals, interpolate_corners, tangent_space_normals, towards_viewer
 
 if TYPE_CHECKING:
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
 BLOCK = 1 << 15  # fragments at a time
 
 
-def _disturbed(ask, channel, most):
+def _disturbed(sample, channel, most):
     """A sampler whose values of a channel are off by up to `most` levels, always the same for the same fragments."""
 
     def disturbed(names, face, bary, depth):
-        answers = ask(names, face, bary, depth)
-        if channel in answers and len(face):
+        sampled = sample(names, face, bary, depth)
+        if channel in sampled and len(face):
             random = np.random.default_rng([len(face), int(face[0])])
-            off = random.uniform(-most, most, answers[channel].shape).astype(np.float32)
-            answers[channel] = np.clip(answers[channel] + off, 0, 255)
-        return answers
+            off = random.uniform(-most, most, sampled[channel].shape).astype(np.float32)
+            sampled[channel] = np.clip(sampled[channel] + off, 0, 255)
+        return sampled
 
     return disturbed
 
@@ -106,36 +106,36 @@ class Lighting:
         self.environment.build()
         build_tables()
         _ = self.geometric, self.maps.corner_normal
-        ask = self.maps.asker(camera, fragments.depth.max(initial=0.0), wanted, filtering)
+        sample = self.maps.sampler(camera, fragments.depth.max(initial=0.0), wanted, filtering)
         rows = None if self._lit[seen].all() else np.flatnonzero(self._lit[material])
 
         def light_block(begin):
             part = slice(begin, begin + BLOCK) if rows is None else rows[begin : begin + BLOCK]
             at = fragments.face[part], fragments.bary[part], fragments.depth[part]
-            points = self._points(camera, ask if noise is None else _disturbed(ask, *noise), at, out[part])
+            points = self._points(camera, sample if noise is None else _disturbed(sample, *noise), at, out[part])
             out[part] = expose(shade(points, self.table, self.environment), self.environment.exposure)
 
         over_blocks(light_block, len(out) if rows is None else len(rows), BLOCK, threads)
         return out
 
-    def _points(self, camera, ask, at, colour):
+    def _points(self, camera, sample, at, colour):
         """Points of fragments (face, bary, depth) and their base colour."""
         face, bary, _ = at
         material = self.face_material[face]
         numbers = np.flatnonzero(np.bincount(material, minlength=len(self._lit)))
         wanted = self.table.wanted_channels(numbers)
         effects = frozenset().union(*(self.table.effects[number] for number in numbers))
-        answers = ask(wanted, *at)
-        values = {name: self._final(name, answers[name], material) for name in wanted if BY_NAME[name].unit != "degrees"}
+        sampled = sample(wanted, *at)
+        values = {name: self._final(name, sampled[name], material) for name in wanted if BY_NAME[name].unit != "degrees"}
         values["base_colour"] = linear_values("base_colour", colour)
         view = self._view(camera, face, bary)
         geometric, plain = self.geometric[face], interpolate_corners(self.maps.corner_normal, face, bary)
-        turned = lambda name: towards_viewer(self._bent(name, answers, at, plain), geometric, view)
+        turned = lambda name: towards_viewer(self._bent(name, sampled, at, plain), geometric, view)
         normal, coat = turned("normal"), None
         if "clearcoat" in effects and not wanted.isdisjoint(("normal", "clearcoat_normal")):
             coat = turned("clearcoat_normal")
         tangent = self.maps.tangents("anisotropy", face, bary) if "anisotropy" in effects else None
-        return Points(material=material, normal=normal, view=view, values=values, tangent=tangent, coat_normal=coat)
+        return ShadingPoints(material=material, normal=normal, view=view, values=values, tangent=tangent, coat_normal=coat)
 
     def _final(self, name, values, material):
         """Final values of a channel; a material without the map has the neutral value."""
@@ -144,19 +144,19 @@ class Lighting:
             values[~mapped[material]] = neutral_values(name)
         return self.table.final(name, material, linear_values(name, values))
 
-    def _bent(self, name, answers, at, plain):
+    def _bent(self, name, sampled, at, plain):
         """Normals [m, 3]: plain ones, turned by the maps of channel `name`, in tangent or object space, if there are any."""
         face, bary, _ = at
         out = plain
         for key in (name, f"{name}_object"):
-            if key not in answers:
+            if key not in sampled:
                 continue
             rows = np.flatnonzero(self._mapped[name][self.face_material[face]])
             if not len(rows):
                 continue
             out = plain.copy() if out is plain else out
             material, where = self.face_material[face[rows]], (face[rows], bary[rows])
-            base, geometric, values = out[rows], self.geometric[face[rows]], answers[key][rows]
+            base, geometric, values = out[rows], self.geometric[face[rows]], sampled[key][rows]
             if key == name:
                 scale = self.table.values[BY_NAME[name].parameter][material, 0]
                 out[rows] = tangent_space_normals(values, scale, base, self.maps.tangents(name, *where), geometric)
@@ -192,7 +192,7 @@ class Lighting:
         """
         plain, at = interpolate_corners(self.maps.corner_normal, face, bary), (face, bary, np.zeros(len(face)))
         wanted = self.table.wanted_channels() & {name}
-        return plain, self._bent(name, self.maps.asker(None, 0.0, wanted, False)(wanted, *at), at, plain)
+        return plain, self._bent(name, self.maps.sampler(None, 0.0, wanted, False)(wanted, *at), at, plain)
 
     def finals(self, names: Collection[str], face: np.ndarray, bary: np.ndarray) -> dict[str, np.ndarray]:
         """Final values of channels at surface points, with or without a map.
@@ -212,6 +212,6 @@ class Lighting:
             Linear.
         """
         material, mapped = self.face_material[face], frozenset(names) & self.table.wanted_channels()
-        answers = self.maps.asker(None, 0.0, mapped, False)(mapped, face, bary, np.zeros(len(face)))
-        return {name: self._final(name, answers[name], material) if name in mapped else self.table.constant(name, material)
+        sampled = self.maps.sampler(None, 0.0, mapped, False)(mapped, face, bary, np.zeros(len(face)))
+        return {name: self._final(name, sampled[name], material) if name in mapped else self.table.constant(name, material)
                 for name in names}

@@ -11,7 +11,7 @@ import numpy as np
 from ..geometry.tangents import corner_tangents
 from ..scene.channels import BY_NAME, channel_over
 from ..scene.factors import neutral_values
-from .questions import Questions
+from .field_sampler import FieldSampler
 from .tangent_frames import interpolate_corners
 
 if TYPE_CHECKING:
@@ -49,15 +49,15 @@ class FieldMaps:
         """Tangents float32 [M, 4] at points of faces; 0 (no tangent) if a field is over voxels."""
         return interpolate_corners(self.corner_tangent, face, bary)
 
-    def asker(self, camera: Camera | None, deepest: float, wanted: Collection[str], filtering: bool) -> Callable:
+    def sampler(self, camera: Camera | None, deepest: float, wanted: Collection[str], filtering: bool) -> Callable:
         """Function (names among wanted, face, bary, depth) -> values float32 [M, C], 0..255, by channel of the fields. Without
         filtering no camera is needed."""
-        questions = Questions(self.texf, camera, deepest if filtering else None, self.positions, self.faces)
+        sampler = FieldSampler(self.texf, camera, deepest if filtering else None, self.positions, self.faces)
         if any(BY_NAME[name].unit == "degrees" for name in wanted):
             _ = self.corner_tangent
-        ready = [[(names, questions.of_field(number, names)) for names in self._together(number, wanted)]
+        ready = [[(names, sampler.of_field(number, names)) for names in self._together(number, wanted)]
                  for number in range(len(self.texf.fields))]
-        return lambda names, *at: self._answers(names, ready, at)
+        return lambda names, *at: self._sampled(names, ready, at)
 
     def _together(self, number, wanted):
         """Planes of a field that hold some of the wanted channels: tuples of names, each with one support."""
@@ -67,7 +67,7 @@ class FieldMaps:
         shifts = sorted({part.shifts.get(name, 0) for name in there})
         return [tuple(name for name in there if part.shifts.get(name, 0) == shift) for shift in shifts]
 
-    def _answers(self, names, ready, at):
+    def _sampled(self, names, ready, at):
         face = at[0]
         out = {name: _neutral(name, len(face)) for name in names if BY_NAME[name].unit != "degrees"}
         which = self.face_field[face] if len(ready) > 1 else None
@@ -75,10 +75,10 @@ class FieldMaps:
             if which is not None and not (which == number).any():
                 continue
             rows = slice(None) if which is None else np.flatnonzero(which == number)
-            for together, ask in groups:
+            for together, sample in groups:
                 if names.isdisjoint(BY_NAME[key].material_name for key in together):
                     continue
-                values, column = ask(*(part[rows] for part in at)), 0
+                values, column = sample(*(part[rows] for part in at)), 0
                 for key in together:
                     width = BY_NAME[key].components
                     if key not in out:

@@ -46,30 +46,30 @@ class SceneMaps:
             return np.repeat((normal / np.where(longest > 0, longest, 1)).astype(np.float32)[:, None], 3, axis=1)
         return corner_normals(fit_cube(scene.positions, LATTICE_BITS).to_lattice(scene.positions), scene.faces)
 
-    def asker(self, camera: Camera | None, deepest: float, wanted: Collection[str], filtering: bool) -> Callable:
+    def sampler(self, camera: Camera | None, deepest: float, wanted: Collection[str], filtering: bool) -> Callable:
         """Function (names among wanted, face, bary, depth) -> values float32 [M, C], 0..255, by channel; normals as x and y.
         Without mip levels no camera is needed."""
         for name in sorted(wanted):
             self._of(name).build(camera, deepest)
             if BY_NAME[name].unit == "degrees":
                 self.corner_tangent(name)
-        return lambda names, face, bary, depth: self._answers(names, lambda textures: textures.ask(camera, face, bary, depth))
+        return lambda names, face, bary, depth: self._sampled(names, lambda textures: textures.sample(camera, face, bary, depth))
 
-    def _answers(self, names, ask):
+    def _sampled(self, names, sample):
         values = {}
         out = {}
         for name in sorted(names):
             textures = self._of(name)
             if id(textures) not in values:
-                values[id(textures)] = ask(textures)
+                values[id(textures)] = sample(textures)
             out[name] = sampled_values(name, values[id(textures)])
         return out
 
     def _of(self, name):
         """The Textures of a channel."""
         scene, channel = self.scene, BY_NAME[name]
-        looks = [(id(t.image), tuple(t.wrap)) for t in scene.textures]  # several textures may be one image
-        images = tuple(looks[m.maps[name]] if m.maps.get(name, -1) >= 0 else None for m in scene.materials)
+        image_keys = [(id(t.image), tuple(t.wrap)) for t in scene.textures]  # several textures may be one image
+        images = tuple(image_keys[m.maps[name]] if m.maps.get(name, -1) >= 0 else None for m in scene.materials)
         key = images, id(scene.map_uv.get(name, scene.corner_uv)), channel.columns == (3,), channel.srgb
         if key not in self._textures:  # of threads that make one at the same time all take the first: levels are built in it
             self._textures.setdefault(key, Textures(scene, partial(_packed, name=name), self._mips, channel.srgb))

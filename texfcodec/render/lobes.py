@@ -161,7 +161,7 @@ def _ggx(square, nh, nl, nv):
 
 def ggx_lights_stretched(n: np.ndarray, v: np.ndarray, nv: np.ndarray, tangents: Sequence[np.ndarray],
                          alphas: Sequence[np.ndarray], lights: Sequence[Light]) -> LightSums:
-    """As ggx_lights(), with different roughness along two tangents.
+    """GGX lobes of lights on a surface with different roughness along two tangents; see ggx_lights().
 
     Parameters
     ----------

@@ -14,17 +14,17 @@ from . import terms
 from .environment import Environment
 from .lobes import build_tables
 from .material_effects import TERMS, ShadingTable
-from .surface import Points, Surface
+from .shading_points import ShadedSurface, ShadingPoints
 
 BLOCK = 1 << 14  # points at a time: the columns of one term stay in the cache
 
 
-def shade(points: Points, table: ShadingTable, environment: Environment, threads: int = 1) -> np.ndarray:
+def shade(points: ShadingPoints, table: ShadingTable, environment: Environment, threads: int = 1) -> np.ndarray:
     """Radiance of points towards the eye.
 
     Parameters
     ----------
-    points : Points
+    points : ShadingPoints
         M surface points.
     table : ShadingTable
         Their materials.
@@ -60,7 +60,7 @@ def shade(points: Points, table: ShadingTable, environment: Environment, threads
 
         def shade_block(begin, kind=frozenset(kind), members=members):
             chosen = slice(begin, begin + BLOCK) if members is None else members[begin : begin + BLOCK]
-            out[chosen] = _radiance(Surface(points, table, chosen), kind, environment).T
+            out[chosen] = _radiance(ShadedSurface(points, table, chosen), kind, environment).T
 
         over_blocks(shade_block, len(material) if members is None else len(members), BLOCK, threads)
     return out

@@ -89,7 +89,7 @@ class ShadingTable:
 
     @property
     def is_lit(self) -> bool:
-        """Whether any material is lit; a scene without such a material looks the same with and without shading."""
+        """True if any material is lit; a scene without such a material looks the same with and without shading."""
         return any("lit" in effects for effects in self.effects)
 
     def wanted_channels(self, numbers: Collection[int] | None = None) -> frozenset[str]:

@@ -84,7 +84,7 @@ def rasterise(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bo
 
 
 def visible(triangles: Triangles, threads: int = 1, beyond: np.ndarray | None = None) -> Fragments:
-    """As rasterise(), for several passes over the same faces.
+    """Rasterise in one of several passes over the same faces; see rasterise().
 
     Parameters
     ----------

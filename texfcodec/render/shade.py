@@ -15,8 +15,8 @@ from ..scene.fetch import PackedSource, pack_source, sample_source
 from .backdrop import Background, rows
 from .depth_layers import composite, opacity, see_through
 from .environment import Environment
+from .field_sampler import FieldSampler
 from .lighting import Lighting
-from .questions import Questions
 from .raster import Fragments, visible
 from .textures import Textures, with_finite_uvs
 from .triangles import set_up
@@ -238,14 +238,14 @@ def shade_field(texf: Texf, camera: Camera, fragments: Fragments, positions: np.
     if len(fragments.face) and (fragments.face.min() < 0 or fragments.face.max() >= len(faces)):
         raise IndexError("face index outside the mesh")
     which = texf.face_field[fragments.face] if len(texf.fields) > 1 else None
-    questions = Questions(texf, camera, fragments.depth.max(initial=0.0) if filtering else None, positions, faces)
+    sampler = FieldSampler(texf, camera, fragments.depth.max(initial=0.0) if filtering else None, positions, faces)
     for number in range(len(texf.fields)):
         chosen = np.arange(0) if which is None else np.flatnonzero(which == number)
-        ask = questions.of_field(number)
+        sample = sampler.of_field(number)
 
-        def shade_block(begin, chosen=chosen, ask=ask):
+        def shade_block(begin, chosen=chosen, sample=sample):
             place = slice(begin, begin + BLOCK) if which is None else chosen[begin : begin + BLOCK]
-            out[place] = ask(fragments.face[place], fragments.bary[place], fragments.depth[place])
+            out[place] = sample(fragments.face[place], fragments.bary[place], fragments.depth[place])
 
         over_blocks(shade_block, len(out) if which is None else len(chosen), BLOCK, threads)
     return out

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .surface import cross, unit
+from .shading_points import cross, unit
 
 
 def interpolate_corners(corner: np.ndarray, face: np.ndarray, bary: np.ndarray) -> np.ndarray:

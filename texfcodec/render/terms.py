@@ -1,4 +1,4 @@
-"""The terms of glTF's materials, each a function of a Surface and an Environment.
+"""The terms of glTF's materials, each a function of a ShadedSurface and an Environment.
 
 Every result is float32, one column per point. Layers are in glTF's order: the base, sheen over it, emission, the clear coat over
 all. Each layer reduces the light of those below by its own reflectance under a white sky, so that no stack of layers gives more
@@ -26,7 +26,7 @@ from .lobes import (
     ggx_lights_through,
     reflected,
 )
-from .surface import Surface, cross
+from .shading_points import ShadedSurface, cross
 from .thin_film import film_f0
 
 Reflectance = np.ndarray | np.float32
@@ -62,23 +62,23 @@ class Gloss:
         return self.gain(f0) * seen
 
 
-def occlusion(surface: Surface) -> None:
+def occlusion(surface: ShadedSurface) -> None:
     """Sets the share of the sky that reaches the points.
 
     Parameters
     ----------
-    surface : Surface
+    surface : ShadedSurface
         m points; its sky_share is set.
     """
     surface.sky_share = surface.scalar("occlusion")
 
 
-def gloss(surface: Surface, environment: Environment) -> Gloss:
+def gloss(surface: ShadedSurface, environment: Environment) -> Gloss:
     """The base's lobe, symmetric about the mirror direction.
 
     Parameters
     ----------
-    surface : Surface
+    surface : ShadedSurface
         m points.
     environment : Environment
         Sky and lights.
@@ -94,7 +94,7 @@ def gloss(surface: Surface, environment: Environment) -> Gloss:
     return Gloss(lights, sky, *ggx_integral(surface.nv, surface.roughness))
 
 
-def anisotropic_gloss(surface: Surface, environment: Environment) -> Gloss:
+def anisotropic_gloss(surface: ShadedSurface, environment: Environment) -> Gloss:
     """The base's lobe, wider along a direction of the surface (KHR_materials_anisotropy).
 
     Parameters
@@ -144,12 +144,12 @@ def _leaning(mirror, normal, roughness):
     return mirror + (normal - mirror) * (roughness * roughness)
 
 
-def specular(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+def specular(surface: ShadedSurface) -> tuple[np.ndarray, np.ndarray]:
     """Reflectance of dielectrics (KHR_materials_specular, KHR_materials_ior).
 
     Parameters
     ----------
-    surface : Surface
+    surface : ShadedSurface
         m points.
 
     Returns
@@ -164,12 +164,12 @@ def specular(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     return np.minimum(straight * surface.value("specular_colour"), np.float32(1)) * strength, strength
 
 
-def iridescence(surface: Surface, f0: Reflectance) -> np.ndarray:
+def iridescence(surface: ShadedSurface, f0: Reflectance) -> np.ndarray:
     """Reflectance straight on, mixed with that under a thin film (KHR_materials_iridescence).
 
     Parameters
     ----------
-    surface : Surface
+    surface : ShadedSurface
         m points.
     f0 : float32 [3, m]
         Without the film.
@@ -186,7 +186,7 @@ def iridescence(surface: Surface, f0: Reflectance) -> np.ndarray:
     return f0 + (film - f0) * surface.scalar("iridescence")
 
 
-def diffuse(surface: Surface, environment: Environment, lobe: Gloss, lost: np.ndarray) -> np.ndarray:
+def diffuse(surface: ShadedSurface, environment: Environment, lobe: Gloss, lost: np.ndarray) -> np.ndarray:
     """Light that a white diffuse surface gives under a dielectric interface.
 
     Parameters
@@ -207,7 +207,7 @@ def diffuse(surface: Surface, environment: Environment, lobe: Gloss, lost: np.nd
     return (environment.irradiance(surface.normal) * surface.sky_share + lobe.lights.flat) * (1 - lost)
 
 
-def diffuse_transmission(surface: Surface, environment: Environment, under: np.ndarray, lost: np.ndarray,
+def diffuse_transmission(surface: ShadedSurface, environment: Environment, under: np.ndarray, lost: np.ndarray,
                          tint: np.ndarray | None) -> np.ndarray:
     """Diffuse light, a share of which comes from behind (KHR_materials_diffuse_transmission).
 
@@ -237,7 +237,7 @@ def diffuse_transmission(surface: Surface, environment: Environment, under: np.n
     return under + (light - under) * surface.scalar("diffuse_transmission")
 
 
-def transmission(surface: Surface, environment: Environment, under: np.ndarray, lost: np.ndarray, tint: np.ndarray | None,
+def transmission(surface: ShadedSurface, environment: Environment, under: np.ndarray, lost: np.ndarray, tint: np.ndarray | None,
                  disperses: bool) -> np.ndarray:
     """Light, a share of which is seen through the surface (KHR_materials_transmission): sky and lights only, never other
     surfaces.
@@ -271,7 +271,7 @@ def transmission(surface: Surface, environment: Environment, under: np.ndarray, 
     return under + (light - under) * surface.scalar("transmission")
 
 
-def dispersed(surface: Surface, environment: Environment, ior: np.ndarray, roughness: np.ndarray) -> np.ndarray:
+def dispersed(surface: ShadedSurface, environment: Environment, ior: np.ndarray, roughness: np.ndarray) -> np.ndarray:
     """The sky along rays that are refracted less in red and more in blue (KHR_materials_dispersion).
 
     Parameters
@@ -297,12 +297,12 @@ def _refracted(surface, ior):
     return (turn * surface.nv - inside) * surface.normal - turn * surface.view
 
 
-def volume(surface: Surface) -> np.ndarray:
+def volume(surface: ShadedSurface) -> np.ndarray:
     """Transmittance of the volume along the normal, by Beer's law (KHR_materials_volume).
 
     Parameters
     ----------
-    surface : Surface
+    surface : ShadedSurface
         m points.
 
     Returns
@@ -315,7 +315,7 @@ def volume(surface: Surface) -> np.ndarray:
     return np.exp(np.log(colour) * np.minimum(surface.scalar("thickness") / distance, np.float32(1e4)))
 
 
-def sheen(surface: Surface, environment: Environment, below: np.ndarray) -> np.ndarray:
+def sheen(surface: ShadedSurface, environment: Environment, below: np.ndarray) -> np.ndarray:
     """Light of cloth fibres over the layers below (KHR_materials_sheen).
 
     Parameters
@@ -338,12 +338,12 @@ def sheen(surface: Surface, environment: Environment, below: np.ndarray) -> np.n
     return colour * (sky + lights) + below * (1 - colour.max(axis=0) * share)
 
 
-def emission(surface: Surface, below: np.ndarray) -> np.ndarray:
+def emission(surface: ShadedSurface, below: np.ndarray) -> np.ndarray:
     """Light of the layers below plus the surface's own (KHR_materials_emissive_strength).
 
     Parameters
     ----------
-    surface : Surface
+    surface : ShadedSurface
         m points.
     below : float32 [3, m]
         Radiance of the layers below.
@@ -356,7 +356,7 @@ def emission(surface: Surface, below: np.ndarray) -> np.ndarray:
     return below + surface.value("emissive") * surface.parameter("emissive_strength")
 
 
-def clearcoat(surface: Surface, environment: Environment, below: np.ndarray) -> np.ndarray:
+def clearcoat(surface: ShadedSurface, environment: Environment, below: np.ndarray) -> np.ndarray:
     """Light of a clear layer of ior 1.5 over the layers below, with a normal of its own (KHR_materials_clearcoat).
 
     Parameters

@@ -11,7 +11,7 @@ import numpy as np
 from ..core.threads import over_blocks
 from ..scene.fetch import PackedSource, sample_source
 from ..scene.srgb import linear_to_srgb, srgb_to_linear
-from .questions import mixed, texels_per_unit
+from .field_sampler import mixed, texels_per_unit
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
@@ -24,7 +24,7 @@ BLOCK = 1 << 16  # fragments at a time
 class Textures:
     """Samples of images of a Scene at fragments.
 
-    The pixel's footprint on a face is its area there, as for fields over texels (render/questions.py): a face at a slant samples
+    The pixel's footprint on a face is its area there, as for fields over texels (field_sampler.py): a face at a slant samples
     no other level. A level's texels are means of 2 x 2 of the level below in linear light, rounded to 8 bits, as in graphics
     libraries.
 
@@ -62,7 +62,7 @@ class Textures:
             if number not in self.sources:  # threads that ask at once may make one twice, no more
                 self.sources[number] = with_finite_uvs(self.pack(self.mips.level(number, self.colour)))
 
-    def ask(self, camera: Camera | None, face: np.ndarray, bary: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    def sample(self, camera: Camera | None, face: np.ndarray, bary: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """Values float32 [M, 4], 0..255, at points of faces. build() must have been called for such depths."""
         if self.mips is None or self._density is None or camera is None:
             return sample_source(self.sources[0], face, bary)
@@ -79,7 +79,7 @@ class Textures:
 
         def fill_block(begin):
             part = slice(begin, begin + BLOCK)
-            out[part] = self.ask(camera, fragments.face[part], fragments.bary[part], fragments.depth[part])
+            out[part] = self.sample(camera, fragments.face[part], fragments.bary[part], fragments.depth[part])
 
         over_blocks(fill_block, len(out), BLOCK, threads)
         return out

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .backdrop import GREY, is_plain
+from .backdrop import GREY, is_nearly_uniform
 from .camera import direction_of_angles, framing
 from .environment import DAYLIGHT
 from .shade import box_down, render_texf
@@ -53,5 +53,5 @@ def thumbnail(texf: Texf) -> bytes:
         The file.
     """
     camera = framing(direction_of_angles(AZIMUTH, ELEVATION), texf.positions, SIDE * TIMES)
-    picture = render_texf(texf, camera, threads=texf.threads, shaded=DAYLIGHT if is_plain(texf) else None)
+    picture = render_texf(texf, camera, threads=texf.threads, shaded=DAYLIGHT if is_nearly_uniform(texf) else None)
     return to_png(box_down(picture.image(GREY), TIMES))

@@ -111,7 +111,7 @@ def _near(deepest):
 
 @kernel
 def _is_finite(point):
-    """Whether all coordinates in camera space, float64 [3], are so small that no product overflows."""
+    """Return whether all coordinates in camera space, float64 [3], are so small that no product overflows."""
     return abs(point[0]) < FAR and abs(point[1]) < FAR and abs(point[2]) < FAR
 
 

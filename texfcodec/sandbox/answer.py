@@ -95,7 +95,7 @@ def _add_joint(texf, values, answer, packed):
 
 
 def _is_sound(texf):
-    """Whether every index is inside its array, and every array has the length of its counterpart."""
+    """Return whether every index is inside its array, and every array has the length of its counterpart."""
     sound = all(_field_is_sound(part, texf.channels) for part in texf.fields) and all(_unit_is_sound(u, texf) for u in texf.units)
     if sound and texf.sharp_edges is not None:
         marked = np.array([m.normals.has_marks for m in texf.materials], bool)[texf.face_material]

@@ -50,7 +50,7 @@ def decode_by_engine(data: bytes, options: DecodeOptions, report: Report) -> Tex
 
 
 def takes_sandbox(options: DecodeOptions) -> bool:
-    """Whether the WebAssembly sandbox is tried first: with auto under isolate, and until kernels are compiled."""
+    """Return whether the WebAssembly sandbox is tried first: with auto under isolate, and until kernels are compiled."""
     from .wasm import is_here
 
     return is_here() and (options.engine == "wasm" or (options.engine == "auto" and (options.isolate or not kernels_compiled())))
@@ -69,7 +69,7 @@ def _decode_in_sandbox(data, stream, options, report):
 
 
 def kernels_compiled(entries: tuple[str, ...] = ENTRIES) -> bool:
-    """Whether the cache holds kernels of all of these files of the current package, for this interpreter.
+    """Return whether the cache holds kernels of all of these files of the current package, for this interpreter.
 
     Without the JIT, as in tests and for coverage, there is nothing to compile.
     """

@@ -29,7 +29,7 @@ ANSWER = "answer.npz"
 
 
 def decode_isolated(data: bytes, stream: Stream, options: DecodeOptions, report: Report) -> Texf:
-    """As decode(), in a child process capped by limits.isolate_bytes (of address space beyond the idle decoder's) and
+    """Decode in a child process capped by limits.isolate_bytes (of address space beyond the idle decoder's) and
     limits.isolate_seconds.
 
     data: bytes; stream: of read_stream(); report: gets the child's seconds and peak memory, and a warning if the system has no

@@ -1,4 +1,4 @@
-"""Work in a child process with capped memory and time, for files from strangers.
+"""Work in a child process with capped memory and time, for files from unknown sources.
 
 The parent starts a module of the package with run_child(), which does its work in within_cap() and leaves its answer in a folder.
 """
@@ -127,7 +127,7 @@ def cap_memory(size: int | None) -> bool:
 
 
 def is_memory(error: BaseException | None) -> bool:
-    """Whether lack of memory is the cause of an error, which libraries wrap in their own."""
+    """Return whether lack of memory is the cause of an error, which libraries wrap in their own."""
     while error is not None:
         if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
             return True

@@ -36,17 +36,17 @@ LIMITS = ("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "lat
 
 
 def can_decode(stream: Stream) -> bool:
-    """Whether the sandbox has the stream's codecs: no private codecs, and none that evaluates points."""
+    """Return whether the sandbox has the stream's codecs: no private codecs, and none that evaluates points."""
     return stream.joint is None and all(values["codec_id"] in KNOWN for values in stream.attributes)
 
 
 def is_here() -> bool:
-    """Whether wasmtime is installed; it is not available for all systems."""
+    """Return whether wasmtime is installed; it is not available for all systems."""
     return importlib.util.find_spec("wasmtime") is not None
 
 
 def decode_in_wasm(data: bytes, stream: Stream, options: DecodeOptions, report: Report) -> Texf:
-    """As decode(), in a sandbox; with options.isolate it is capped by limits.isolate_bytes and limits.isolate_seconds.
+    """Decode in a WebAssembly sandbox; with options.isolate it is capped by limits.isolate_bytes and limits.isolate_seconds.
 
     data: bytes; stream: of read_stream(). Raises the errors of decode(), and TXF-S40, TXF-L07, TXF-L08.
     """

@@ -205,10 +205,10 @@ NORMAL_MAPS = frozenset(channel.name for channel in MAPS if channel.unit == "deg
 
 
 # Channels that share an image in glTF; a component of it that no channel fills is 255
-SHEETS = (("base_colour", "alpha"), ("occlusion", "roughness", "metallic"), ("normal",), ("emissive",),
-          ("clearcoat", "clearcoat_roughness"), ("clearcoat_normal",), ("sheen_colour", "sheen_roughness"),
-          ("specular_colour", "specular"), ("transmission", "thickness"), ("iridescence", "iridescence_thickness"),
-          ("anisotropy",), ("diffuse_transmission_colour", "diffuse_transmission"))
+PACKED_IMAGES = (("base_colour", "alpha"), ("occlusion", "roughness", "metallic"), ("normal",), ("emissive",),
+                 ("clearcoat", "clearcoat_roughness"), ("clearcoat_normal",), ("sheen_colour", "sheen_roughness"),
+                 ("specular_colour", "specular"), ("transmission", "thickness"), ("iridescence", "iridescence_thickness"),
+                 ("anisotropy",), ("diffuse_transmission_colour", "diffuse_transmission"))
 
 
 def channel_over(name: str, planar: bool) -> Channel:
@@ -267,7 +267,7 @@ def group_values(channels: Sequence[Channel], grey: bool = False) -> dict:
 
 
 def needs_alpha(materials: Iterable) -> bool:
-    """Whether a material in use reads alpha.
+    """Return whether a material in use reads alpha.
 
     Parameters
     ----------

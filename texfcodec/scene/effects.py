@@ -22,7 +22,7 @@ class Condition:
     holds: Callable[[Material], bool]
 
     def __call__(self, material: Material) -> bool:
-        """Whether the material fulfils it."""
+        """Return whether the material fulfils it."""
         return self.holds(material)
 
 

@@ -50,7 +50,7 @@ def set_factor(parameters: dict, name: str, value: tuple[float, ...]) -> None:
 
 
 def says_nothing(channel: Channel, value: np.ndarray) -> bool:
-    """Whether a map of one value has no effect, within TOLERANCE.
+    """Return whether a map of one value has no effect, within TOLERANCE.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ _KIND_NAMES = ("faces joined over edges", "faces joined over edges that are not 
 
 
 class NormalRule(NamedTuple):
-    """How a corner's normal is derived from the faces around its vertex.
+    """Rule by which a corner's normal is derived from the faces around its vertex.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ class NormalRule(NamedTuple):
 
     @property
     def is_flat(self) -> bool:
-        """Whether every corner has the normal of its face."""
+        """True if every corner has the normal of its face."""
         return self.kind != CODED and self.angle == 0
 
     @property
     def has_marks(self) -> bool:
-        """Whether the stream marks edges of its faces."""
+        """True if the stream marks edges of its faces."""
         return self.kind in (MARKED, CODED)
 
     def __str__(self) -> str:

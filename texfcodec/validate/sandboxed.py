@@ -17,7 +17,7 @@ from .validate import OUTCOME, ROW, validate
 
 
 def validate_isolated(data: bytes, limits: Limits | None = None, threads: int = 1, report: Report | None = None) -> dict:
-    """As validate(), with Draco and the kernels in a child process capped by limits.isolate_bytes and limits.isolate_seconds.
+    """Validate with Draco and the kernels in a child process capped by limits.isolate_bytes and limits.isolate_seconds.
 
     If the child breaks, the findings are those of the syntax and the error for the child.
     """
@@ -46,7 +46,7 @@ def _answer_of(data, limits, threads, report, folder):
 
 
 def _is_sound(outcome):
-    """Whether an outcome has the form of validate()'s; the child may have been taken over."""
+    """Return whether an outcome has the form of validate()'s; the child may have been taken over."""
     rows = isinstance(outcome, dict) and outcome.keys() == OUTCOME and outcome["findings"]
     return isinstance(rows, list) and all(isinstance(row, dict) and row.keys() == ROW for row in rows) \
         and isinstance(outcome["counts"], dict) and outcome["counts"].keys() == {*SEVERITIES} \

@@ -50,7 +50,7 @@ class Parsed:
     checked: set[int] = field(default_factory=set)
 
     def has_all(self, kind: int) -> bool:
-        """Whether all units of a kind are there and without fault, by the sequence header's count."""
+        """Return whether all units of a kind are there and without fault, by the sequence header's count."""
         counts = {UNIT_FIELD: (self.stream.fields, "num_fields"), UNIT_GEOMETRY: (self.stream.geometry, "num_geometry_units"),
                   UNIT_MATERIALS: (self.stream.materials, "num_materials")}
         held, count = counts[kind]
@@ -112,7 +112,7 @@ def _read_unit(view, number, parsed, limits):
 
 
 def _needs_lost(view, unit, parsed):
-    """Whether the payload cannot be read without something that is lost."""
+    """Return whether the payload cannot be read without something that is lost."""
     if unit.type == UNIT_MATERIALS:
         return not parsed.stream.header
     if unit.type == UNIT_ATTRIBUTE:

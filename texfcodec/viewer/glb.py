@@ -1,4 +1,5 @@
-"""What the page gets of a mesh: the file itself if GLTFLoader of three.js reads it, else a GLB of the Scene that was loaded."""
+"""GLB that the page gets of a mesh: the file itself if GLTFLoader of three.js reads it, else a GLB of the Scene that was
+loaded."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ def glb_of_asset(path: str, scene: Scene) -> bytes:
 
 
 def is_read(data: bytes) -> bool:
-    """Whether GLTFLoader reads a file as it is: a GLB that names no other file and uses nothing of NOT_READ."""
+    """Return whether GLTFLoader reads a file as it is: a GLB that names no other file and uses nothing of NOT_READ."""
     try:
         magic, version, _, length, kind = struct.unpack_from("<4sIIII", data)
         document = json.loads(data[20 : 20 + length])

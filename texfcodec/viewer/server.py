@@ -96,17 +96,17 @@ class ViewServer:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return f"http://{HOST}:{self.port}/{self.token}/"
 
     def about(self) -> dict:
-        """What the page asks first."""
+        """Answer to the page's first request."""
         return about_page(self.assets, self.drop is not None, self.start, self.version, self.limits)
 
 
 def about_page(assets: Sequence[Shown], drop: bool, start: dict | None, version: str, limits: Limits) -> dict:
-    """What a page needs to know of itself: what it shows, whether it can have meshes read that are dropped on it, how it is to
-    begin, what streams may ask for, and the light."""
+    """Facts that a page needs to know of itself: what it shows, whether it can have meshes read that are dropped on it, how it is
+    to begin, what streams may ask for, and the light."""
     words = {name: name.partition("_")[0] + "".join(part.title() for part in name.split("_")[1:]) for name in LIMITS}
     lights = [{"direction": light.direction.tolist(), "irradiance": light.irradiance.tolist()} for light in DAYLIGHT.lights]
     rows = [{"name": asset.name, "bytes": asset.size, "warnings": asset.warnings} for asset in assets]
@@ -153,7 +153,8 @@ class _Http(ThreadingHTTPServer):
 
 
 class _Timed(io.RawIOBase):
-    """What a client sends, all of it within so many seconds: one that sends a byte now and then holds no thread for long."""
+    """Bytes that a client sends, all of them within so many seconds: one that sends a byte now and then holds no thread for
+    long."""
 
     def __init__(self, connection, seconds):
         self.connection, self.end = connection, time.monotonic() + seconds
@@ -182,7 +183,7 @@ class _Visit(BaseHTTPRequestHandler):
         pass
 
     def send_error(self, code, message=None, explain=None):
-        """What the base class refuses: methods, lines and heads that are too long."""
+        """Answer what the base class refuses: methods, lines and heads that are too long."""
         self._refuse(code, message or "refused")
 
     def do_GET(self):
@@ -205,7 +206,7 @@ class _Visit(BaseHTTPRequestHandler):
         self._answer(status, "text/plain; charset=utf-8", sentence.encode("ascii", "backslashreplace") + b"\n")
 
     def _place(self, needs_origin: bool) -> str:
-        """What is asked for, below the token. Raises Refused for strangers."""
+        """Requested path, below the token. Raises Refused for other requests."""
         hosts = self.headers.get_all("Host") or []
         if len(hosts) != 1 or hosts[0].lower() not in [f"{name}:{self.server.view.port}" for name in NAMES]:
             raise Refused(421, "the host name is not allowed")

@@ -158,17 +158,17 @@ def words_of(asset, stream, mesh, rate):
 def measure(kind, roots, asset, rate):
     """{"encode", "save": {side: timed(), with "bytes" and "sha256" of what was written, or watched()}} of an asset. Both sides
     save the stream of the second."""
-    found = {}
+    runs = {}
     with tempfile.TemporaryDirectory() as folder:
         files = {"encode": Path(folder) / "out.texf", "save": Path(folder) / "out.glb"}
         for what, words in words_of(asset, *files.values(), rate).items():
-            found[what] = {}
+            runs[what] = {}
             for side, root in zip(SIDES, roots, strict=True):
                 if kind == "costs":
-                    found[what][side] = watched(kind, root, [TOOLS[what], *words])
+                    runs[what][side] = watched(kind, root, [TOOLS[what], *words])
                 else:
-                    found[what][side] = timed(["-m", TOOLS[what], *words], root) | _content(files[what])
-    return found
+                    runs[what][side] = timed(["-m", TOOLS[what], *words], root) | _content(files[what])
+    return runs
 
 
 def _content(path):
@@ -178,15 +178,15 @@ def _content(path):
 def first_runs(root, asset):
     """{"texf-enc", "texf-dec": watched(), with the number of "files" in a cache that was empty}; one thread and one process each,
     so that all is seen; usually two processes share the work."""
-    found = {}
+    runs = {}
     with tempfile.TemporaryDirectory() as folder:
         words = words_of(asset, Path(folder) / "out.texf", Path(folder) / "out.glb", "r04")
         words["save"] += ["--engine", "numba"]
         for tool, what in (("texf-enc", "encode"), ("texf-dec", "save")):
             cache = Path(folder) / tool
-            found[tool] = watched("compiled", root, [TOOLS[what], *words[what], "--threads", "1", "--quiet"], cache)
-            found[tool]["files"] = sum(1 for _ in cache.rglob("*.nbc"))
-    return found
+            runs[tool] = watched("compiled", root, [TOOLS[what], *words[what], "--threads", "1", "--quiet"], cache)
+            runs[tool]["files"] = sum(1 for _ in cache.rglob("*.nbc"))
+    return runs
 
 
 def speed(roots, rounds, only):
@@ -205,25 +205,25 @@ def speed(roots, rounds, only):
 # Pages.
 
 
-def page_of(kind, found):
+def page_of(kind, report):
     """The page of {"commits": of the sides, "machine", "rate", "rows": {asset: measured}}, Markdown."""
     from tools.bench.result_tables import wrapped
 
-    lines = {"pairs": pairs_lines, "costs": costs_lines, "compiled": compiled_lines}[kind](found)
+    lines = {"pairs": pairs_lines, "costs": costs_lines, "compiled": compiled_lines}[kind](report)
     return "\n".join(wrapped(lines)).rstrip() + "\n"
 
 
-def _made(kind, found):
-    commits = " before, ".join(found["commits"]) + (" after" if len(found["commits"]) > 1 else "")
-    return f"Made by `tools/bench/ab.py {kind}` on {found['machine']}: commit {commits}"
+def _origin(kind, report):
+    commits = " before, ".join(report["commits"]) + (" after" if len(report["commits"]) > 1 else "")
+    return f"Made by `tools/bench/ab.py {kind}` on {report['machine']}: commit {commits}"
 
 
-def pairs_lines(found):
+def pairs_lines(report):
     """Seconds, memory and bytes, an asset a line."""
     from tools.bench.result_tables import markdown_table
 
     table, ratios = [], {}
-    for name, row in found["rows"].items():
+    for name, row in report["rows"].items():
         cells = []
         for what in TOOLS:
             before, after = (row[what][side] for side in SIDES)
@@ -235,7 +235,7 @@ def pairs_lines(found):
         table.append([name, f"{last['bytes']:,}", last["sha256"][:12], *cells, f"{last['processor'] / last['wall']:.2f}",
                       f"{last['memory'] / (1 << 20):,.0f}"])
     middle = {key: f"{100 * statistics.median(values):.0f} %" for key, values in ratios.items()}
-    return ["# Two states side by side", "", f"{_made('pairs', found)}; rate {found['rate']}, whole processes with compiled "
+    return ["# Two states side by side", "", f"{_origin('pairs', report)}; rate {report['rate']}, whole processes with compiled "
             "kernels, each asset by both in turn. Seconds are before, after; both save the same stream as GLB. Cores: processor "
             "seconds over those by the wall clock, of the encode after.", "",
             f"In the median an encode takes {middle['encode', 'wall']} of the time by the wall clock and "
@@ -245,41 +245,42 @@ def pairs_lines(found):
                              "processor s", "GLB", "cores", "MB, encode"], table)]
 
 
-def costs_lines(found):
+def costs_lines(report):
     """The largest costs of either side, a table an asset and tool."""
     from tools.bench.result_tables import markdown_table
 
-    lines = ["# Where the seconds go", "", f"{_made('costs', found)}; rate {found['rate']}, compiled kernels, one run each. "
+    lines = ["# Where the seconds go", "", f"{_origin('costs', report)}; rate {report['rate']}, compiled kernels, one run each. "
              "Seconds of all threads together; what a kernel or a library takes counts for the function that called it. The "
              f"{MOST_COSTS} largest costs of either side.", ""]
     for what, title in (("encode", "texf-enc"), ("save", "texf-dec to GLB")):
         lines += [f"## {title}", ""]
-        for name, row in found["rows"].items():
+        for name, row in report["rows"].items():
             sides = [row[what][side] for side in SIDES]
-            largest = dict.fromkeys(one for side in sides[::-1] for one, _ in Counter(side["costs"]).most_common(MOST_COSTS))
-            table = [[f"`{one}`", *(f"{side['costs'].get(one, 0.0):.2f}" for side in sides)] for one in largest]
+            kernels = (kernel for side in sides[::-1] for kernel, _ in Counter(side["costs"]).most_common(MOST_COSTS))
+            largest = dict.fromkeys(kernels)
+            table = [[f"`{kernel}`", *(f"{side['costs'].get(kernel, 0.0):.2f}" for side in sides)] for kernel in largest]
             table += [["all", *(f"{sum(side['costs'].values()):.1f}" for side in sides)],
                       ["by the wall clock", *(f"{side['wall']:.1f}" for side in sides)]]
             lines += [*markdown_table([name, "s before", "s after"], table), ""]
     return lines
 
 
-def compiled_lines(found):
+def compiled_lines(report):
     """What a first run compiles: in all, by room, and the longest."""
     from tools.bench.result_tables import markdown_table
 
-    (asset, row), = found["rows"].items()
-    kernels = {tool: Counter({n.removeprefix("texfcodec."): s for n, s in one["compiled"].items()}) for tool, one in row.items()}
+    (asset, row), = report["rows"].items()
+    kernels = {tool: Counter({n.removeprefix("texfcodec."): s for n, s in run["compiled"].items()}) for tool, run in row.items()}
     rooms = {tool: Counter() for tool in kernels}
     for tool, own in kernels.items():
         for name, seconds in own.items():
             rooms[tool][".".join(name.split(".")[:2 if name.startswith("numba") else -2]) or name] += seconds
-    lines = ["# What a first run compiles", "", f"{_made('compiled', found)}, with {asset}: one process of one thread with an "
+    lines = ["# What a first run compiles", "", f"{_origin('compiled', report)}, with {asset}: one process of one thread with an "
              "empty cache. Seconds are each kernel's own, without the kernels that it calls. Usually a second process shares the "
              "work, and a first decode without a GLB goes through the WebAssembly decoder, which compiles no kernels.", "",
              *markdown_table(["tool", "seconds in all", "compiling", "kernels", "files in the cache"],
-                             [[tool, f"{one['wall']:.1f}", f"{sum(kernels[tool].values()):.1f}", len(kernels[tool]), one["files"]]
-                              for tool, one in row.items()])]
+                             [[tool, f"{run['wall']:.1f}", f"{sum(kernels[tool].values()):.1f}", len(kernels[tool]), run["files"]]
+                              for tool, run in row.items()])]
     for title, head, tables, most in (("By room", "kernels of", rooms, None), ("The longest", "kernel", kernels, MOST_KERNELS)):
         names = sorted(set().union(*tables.values()), key=lambda n: -max(table[n] for table in tables.values()))
         lines += ["", f"## {title}", "",
@@ -299,14 +300,14 @@ def run(args):
             roots = [stack.enter_context(checked_out(name)) for name in names]
             if args.kind == "speed":
                 return speed(roots, args.rounds, args.only)
-            found = {"commits": [state_of(root) for root in roots], "rate": args.rate, "machine": machine(), "rows": {}}
+            report = {"commits": [state_of(root) for root in roots], "rate": args.rate, "machine": machine(), "rows": {}}
             args.out.parent.mkdir(parents=True, exist_ok=True)
             if args.kind == "pairs":  # kernels are compiled before anything counts
                 measure(args.kind, roots, assets[0], args.rate)
             for asset in assets:
-                found["rows"][asset.stem] = (first_runs(roots[0], asset) if args.kind == "compiled"
-                                             else measure(args.kind, roots, asset, args.rate))
-                args.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+                report["rows"][asset.stem] = (first_runs(roots[0], asset) if args.kind == "compiled"
+                                              else measure(args.kind, roots, asset, args.rate))
+                args.out.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     text = page_of(args.kind, json.loads(args.out.read_text(encoding="utf-8")))
     if args.page:
         args.page.write_text(text, encoding="utf-8")

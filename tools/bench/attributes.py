@@ -50,7 +50,7 @@ from texfcodec.core.json_text import json_ready, json_text
 from texfcodec.core.syntax_walk import write_structure
 from texfcodec.field.extents import octree_depth
 from texfcodec.field.morton import decode_morton, encode_morton
-from texfcodec.field.texel_set import asked_texels
+from texfcodec.field.texel_set import referenced_texels
 from texfcodec.io.load import load
 from texfcodec.metrics.bd_rate import bd_rate
 from tools.bench.methods.external import GEOMETRY, TRANSFORMS, write_ply
@@ -121,7 +121,7 @@ def load_texels(path, crop=None):
     height, width = texture.image.shape[:2]
     own = np.isin(scene.face_material, [i for i, m in enumerate(scene.materials) if m.texture == number])
     steps = np.floor(scene.corner_uv[own] * (width, height) * 4 + 0.5).astype(np.int64).reshape(-1, 2)
-    keys = asked_texels(steps, np.arange(len(steps)).reshape(-1, 3), 2, (width, height), tuple(texture.wrap))
+    keys = referenced_texels(steps, np.arange(len(steps)).reshape(-1, 3), 2, (width, height), tuple(texture.wrap))
     x, y = decode_morton(keys)[:, :2].T
     mask = np.zeros((height, width), bool)
     mask[y, x] = True
@@ -258,7 +258,7 @@ def tools(args):
     clouds seconds per million points too. The kernel stays as the complete set has chosen it."""
     is_clouds = args.sources[0].is_dir()
     changes = CLOUD_CHANGES if is_clouds else TEXEL_CHANGES
-    found, names = {}, changes_at(args.effort, changes) if is_clouds else list(changes)
+    changed_rows, names = {}, changes_at(args.effort, changes) if is_clouds else list(changes)
     for points in load_clouds(args.sources[0]) if is_clouds else (load_texels(path, args.crop) for path in args.sources):
         chosen = {qp: choose(points, qp, args.effort)[0] for qp in args.qps(CLOUD_QPS if is_clouds else TEXEL_QPS)}
         timed, complete = choose(points, TIMED_QP, args.effort), None
@@ -273,15 +273,15 @@ def tools(args):
                 runs = [code(points, TIMED_QP, changed(timed[0]))[2:] for _ in range(RUNS)]
                 seconds = np.median(runs, axis=0) + [0 if name == CHOICE_OFF else timed[1], 0]
                 row += (seconds / len(points.keys) * 1e6).tolist()
-            found.setdefault(name, {})[points.name] = row
+            changed_rows.setdefault(name, {})[points.name] = row
         print(points.name, "done", file=sys.stderr, flush=True)
     lines = []
-    for name, rows in found.items():
+    for name, rows in changed_rows.items():
         mean = np.mean(list(rows.values()), axis=0)
         rates = (f"{row[0]:+.2f} / {row[1]:+.2f}" for row in (*rows.values(), mean))
         lines.append([name, *rates, *(f"{s:.2f}" for s in mean[2:])])
     seconds = ["encode, s/Mpoint", "decode, s/Mpoint"] if is_clouds else []
-    return markdown_table(["change, Y / RGB, %", *found[COMPLETE], "mean", *seconds], lines)
+    return markdown_table(["change, Y / RGB, %", *changed_rows[COMPLETE], "mean", *seconds], lines)
 
 
 def tmc13(args):

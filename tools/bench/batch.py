@@ -80,21 +80,21 @@ class Batch:
         if reason := settle(job, outcome, folder):
             self._fail(job, reason)
         else:
-            self.show(job.name, told(job), False)
+            self.show(job.name, result_line(job), False)
 
     def _fail(self, job, reason):
         self.failed[job.name] = reason
         self.show(job.name, f"{job.name}: failed: {reason}", True)
 
 
-def told(job):
+def result_line(job):
     """One line about a job that has ended well."""
-    made = read_json(job.folder / METRICS)
-    if made is None:
+    metrics = read_json(job.folder / METRICS)
+    if metrics is None:
         row = read_json(job.folder / MISSING)
         return f"{job.name}: {row['state']}: {row['reason']}"
-    quality = in_decibels(made["psnr_3d"]["y"]) if made["psnr_3d"] else "not measured"
-    return f"{job.name}: {made['bytes']['total']} bytes, 3D-PSNR Y {quality}, {made['seconds']['encode']['total']:.2f} s"
+    quality = in_decibels(metrics["psnr_3d"]["y"]) if metrics["psnr_3d"] else "not measured"
+    return f"{job.name}: {metrics['bytes']['total']} bytes, 3D-PSNR Y {quality}, {metrics['seconds']['encode']['total']:.2f} s"
 
 
 @contextmanager
@@ -129,12 +129,12 @@ def run_verify(args):
     code = run_batch(args, verify.conditions_of(points))
     if not points or code not in (0, EXIT_DIFFERS):
         return code
-    found = verify.runs_of(points, args.out)
-    text = verify.page_of(found, left_out + absent, args)
+    runs = verify.runs_of(points, args.out)
+    text = verify.page_of(runs, left_out + absent, args)
     if args.page:
         args.page.write_text(text, encoding="utf-8")
     print(text)
-    return 0 if verify.is_same(found) else EXIT_DIFFERS
+    return 0 if verify.is_same(runs) else EXIT_DIFFERS
 
 
 def run_batch(args, conditions):
@@ -174,8 +174,8 @@ def _sum_up(jobs, batch, absent, seconds):
     rows = [(job, row["state"]) for job in jobs if not job.metrics(True) and (row := job.row()) and job.name not in batch.failed]
     without = {state: [job.name for job, said in rows if said == state] for state in ("missing", "does not apply")}
     here = sum(name in batch.jobs for names in without.values() for name in names)
-    made, before = len(batch.jobs) - len(batch.failed) - here, len(jobs) - len(batch.jobs)
-    print(f"{len(jobs)} jobs: {made} done in {seconds:.0f} s, {before} were finished before, {len(batch.failed)} failed"
+    done, before = len(batch.jobs) - len(batch.failed) - here, len(jobs) - len(batch.jobs)
+    print(f"{len(jobs)} jobs: {done} done in {seconds:.0f} s, {before} were finished before, {len(batch.failed)} failed"
           + (f"; {len(without['missing'])} need what is not installed" if without["missing"] else "")
           + (f"; {len(without['does not apply'])} do not apply" if without["does not apply"] else "")
           + (f"; {absent} assets passed over" if absent else ""))

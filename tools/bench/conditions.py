@@ -30,22 +30,22 @@ def read_conditions(path, changed=(), only=()):
         assets, plugins = _names(given, "assets"), _names({"plugins": [], **given}, "plugins")
         if not assets:
             raise ValueError("assets is empty")
-        found = {"assets": assets, "plugins": [str(Path(path).parent.resolve() / p) for p in plugins],
-                 "limit_seconds": _seconds(given.get("limit_seconds")),
-                 "evaluation": _evaluation(given.get("evaluation", {}) | _changes(changed))}
+        conditions = {"assets": assets, "plugins": [str(Path(path).parent.resolve() / p) for p in plugins],
+                      "limit_seconds": _seconds(given.get("limit_seconds")),
+                      "evaluation": _evaluation(given.get("evaluation", {}) | _changes(changed))}
         tables = given.get("settings")
         if not isinstance(tables, list) or not tables:
             raise ValueError("there is no [[settings]] table")
-        found["settings"] = [s for number, table in enumerate(tables, 1) for s in _expanded(number, table, found)]
-        for one, other in itertools.combinations(found["settings"], 2):
-            if one["setting"] == other["setting"] and set(one["assets"]) & set(other["assets"]):
-                raise ValueError(f"two settings are called {one['setting']!r}")
+        conditions["settings"] = [s for number, table in enumerate(tables, 1) for s in _expanded(number, table, conditions)]
+        for first, other in itertools.combinations(conditions["settings"], 2):
+            if first["setting"] == other["setting"] and set(first["assets"]) & set(other["assets"]):
+                raise ValueError(f"two settings are called {first['setting']!r}")
         if unknown := [name for name in only if name not in assets]:
             raise ValueError(f"{', '.join(unknown)} is none of its assets: {', '.join(assets)}")
-        found["assets"] = [name for name in assets if name in only or not only]
+        conditions["assets"] = [name for name in assets if name in only or not only]
     except ValueError as error:
         raise SystemExit(f"{path}: {error}") from None
-    return found
+    return conditions
 
 
 def _check_keys(where, table, allowed):
@@ -102,7 +102,7 @@ def _expanded(number, table, conditions):
         raise ValueError(f"{where}: {error}") from None
     options = {k: v for k, v in table.items() if k not in ("name", "group", "method", "assets")}
     _check_keys(f"{where} ({table['name']!r})", options, set(known))
-    lists, made = {k: v if isinstance(v, list) else [v] for k, v in options.items()}, []
+    lists, settings = {k: v if isinstance(v, list) else [v] for k, v in options.items()}, []
     for key, values in lists.items():
         if not values or not all(isinstance(v, str | int) or isinstance(v, float) and math.isfinite(v) for v in values):
             raise ValueError(f"{where}: {key} must be text, a number, true, false or a list of these, not {options[key]!r}")
@@ -114,21 +114,21 @@ def _expanded(number, table, conditions):
             raise ValueError(f"{where}: name and group may only use {{...}} for a key of the table, not {error}") from None
         if not NAME.fullmatch(name):
             raise ValueError(f"{where}: the name {name!r} is no folder name of letters, digits and . _ + -")
-        made.append({"setting": name, "group": group, "method": method, "assets": assets, "options": chosen})
-    return made
+        settings.append({"setting": name, "group": group, "method": method, "assets": assets, "options": chosen})
+    return settings
 
 
 def find_assets(names, folders, out):
     """({name as given: path}, names that are in none of the folders). "sample" is made in out where it is not there yet."""
-    found, missing = {}, []
+    paths, missing = {}, []
     for name in names:
         places = [folder / (name + suffix) for folder in folders for suffix in SUFFIXES]
         path = _sample(out) if name == SAMPLE else next((p for p in places if p.is_file()), None)
         if path is None:
             missing.append(name)
         else:
-            found[name] = path.resolve()
-    return found, missing
+            paths[name] = path.resolve()
+    return paths, missing
 
 
 def _sample(out):

@@ -75,7 +75,7 @@ def overlap_of(a, b):
     return max(shared, 0.0) / longest if longest > 0 else None
 
 
-def summary(found, of=np.mean):
+def summary(differences, of=np.mean):
     """(of(percents), their number) of the Differences that have one; (None, 0) without."""
-    values = [one.percent for one in found if one.percent is not None]
+    values = [difference.percent for difference in differences if difference.percent is not None]
     return (float(of(values)), len(values)) if values else (None, 0)

@@ -30,19 +30,19 @@ PARTS = (("geometry", (86, 124, 190)), ("colours and maps", (214, 130, 62)), ("o
 def main(path):
     """Writes the picture."""
     scene = make_sample()
-    made = texfcodec.encode_to_result(scene, texfcodec.EncodeOptions(rate="r03"))
+    encoded = texfcodec.encode_to_result(scene, texfcodec.EncodeOptions(rate="r03"))
     coarse = texfcodec.decode(texfcodec.encode(scene, texfcodec.EncodeOptions(resolution=COARSE, qp=22, keep_mesh=True)))
     camera = orthographic(direction_of_angles(30, 25), *bounding_sphere(scene.positions), 2 * SIDE)
     views = [(render_scene(scene, camera, shaded=DAYLIGHT), "a textured mesh", "1.6 MB as a GLB"),
              (render_scene(cubes(coarse), camera), "values where its surface is", "in voxels, or in an image's texels"),
-             (None, "one stream", f"{len(made.data) / 1000:,.0f} kB"),
-             (render_texf(texfcodec.decode(made.data), camera, shaded=DAYLIGHT), "decoded anywhere", "GLB, browser, GPU")]
+             (None, "one stream", f"{len(encoded.data) / 1000:,.0f} kB"),
+             (render_texf(texfcodec.decode(encoded.data), camera, shaded=DAYLIGHT), "decoded anywhere", "GLB, browser, GPU")]
     picture = Image.new("RGB", (4 * SIDE + 3 * GAP, SIDE + 76), "white")
     draw = ImageDraw.Draw(picture)
     for number, (view, title, below) in enumerate(views):
         left = number * (SIDE + GAP)
         if view is None:
-            draw_stream(draw, left, made.sizes)
+            draw_stream(draw, left, encoded.sizes)
         else:
             picture.paste(Image.fromarray(view.image()).resize((SIDE, SIDE), Image.Resampling.LANCZOS), (left, 0))
         for text, size, ink, top in ((title, 23, INK, SIDE + 8), (below, 19, GREY, SIDE + 42)):

@@ -44,9 +44,9 @@ class Job:
         return bool(self.metrics(keep_old)) or row is not None and row["state"] != "missing"
 
     def _of_this(self, name, keep_old):
-        found = read_json(self.folder / name) or {}
-        same = found.get("settings_sha256") == self.facts["settings_sha256"]
-        return found if same and (keep_old or found.get("code") == self.facts["code"]) else None
+        row = read_json(self.folder / name) or {}
+        same = row.get("settings_sha256") == self.facts["settings_sha256"]
+        return row if same and (keep_old or row.get("code") == self.facts["code"]) else None
 
 
 def _identity(settled):
@@ -78,9 +78,9 @@ def jobs_of(conditions, assets, out):
 
 def code_of(method, plugins):
     """16 digits over what results depend on: the sources of the package and of the method, and the method's version()."""
-    found = find(method, plugins)
-    total = hashlib.sha256(found.version().encode())
-    for path in (*sorted((REPOSITORY / "texfcodec").rglob("*.py")), Path(inspect.getfile(type(found)))):
+    coder = find(method, plugins)
+    total = hashlib.sha256(coder.version().encode())
+    for path in (*sorted((REPOSITORY / "texfcodec").rglob("*.py")), Path(inspect.getfile(type(coder)))):
         total.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return total.hexdigest()[:16]
 

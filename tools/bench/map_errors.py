@@ -34,7 +34,7 @@ def map_errors(scene, decoded, samples, threads=1):
     error at all."""
     scene = needed_maps(scene)
     points, lights = Points(scene, decoded, samples, threads), (Lighting(scene), Lighting(decoded))
-    found, pooled, plain = {}, np.zeros(2), np.zeros(2)
+    channels, pooled, plain = {}, np.zeros(2), np.zeros(2)
     for name in [BASE_COLOUR.name, *(c.name for c in MAPS)]:
         mapped = np.array([name == BASE_COLOUR.name or name in m.maps for m in scene.materials], bool)
         rows = np.flatnonzero(mapped[points.material])
@@ -44,12 +44,12 @@ def map_errors(scene, decoded, samples, threads=1):
         error, weight = (got.astype(np.float64) - want) ** 2, channel_over(name, planar=False).weight
         plain += (error.sum(), error.size)
         pooled += (weight * error.sum(), weight * error.size)
-        found[name] = json_ready({"psnr": decibels(float(error.mean())), "weight": weight})
+        channels[name] = json_ready({"psnr": decibels(float(error.mean())), "weight": weight})
         if BY_NAME[name].unit == "degrees":
             angles = angular_error(want, got)
-            found[name] |= {key: angles[key] for key in ("mean_degrees", "p95_degrees")}
+            channels[name] |= {key: angles[key] for key in ("mean_degrees", "p95_degrees")}
     both = json_ready({"pooled": decibels(pooled[0] / pooled[1]), "plain": decibels(plain[0] / plain[1])})
-    return both | {"channels": found, "samples": samples}
+    return both | {"channels": channels, "samples": samples}
 
 
 def values_of(points, lights, side, name, rows):

@@ -19,7 +19,7 @@ def measure_job(scene, decoded, job, folder):
 def measures(scene, decoded, evaluation, threads):
     """{"psnr_3d", "image", "maps"} of what was decoded, a Texf or a Scene; None where they are not asked for."""
     from texfcodec.metrics.psnr_3d import SourceSamples
-    from texfcodec.metrics.views import Look, compare_views, mesh_psnr_3d
+    from texfcodec.metrics.views import ViewSettings, compare_views, mesh_psnr_3d
     from texfcodec.render.environment import DAYLIGHT
     from texfcodec.texf import Texf
 
@@ -35,7 +35,7 @@ def measures(scene, decoded, evaluation, threads):
     if evaluation["views"]:
         measured["image"] = compare_views(scene, decoded, views=evaluation["views"], size=evaluation["size"],
                                           ssim=evaluation["ssim"], threads=threads,
-                                          look=Look(environment=DAYLIGHT) if evaluation["lit"] else None)
+                                          settings=ViewSettings(environment=DAYLIGHT) if evaluation["lit"] else None)
     return measured
 
 

@@ -128,10 +128,10 @@ def comparison(pairs, kind):
     notes = {}
     for name, table in tables.items():
         for asset, row in table.items():
-            for measure, found in row.items():
-                if found.reason:
+            for measure, difference in row.items():
+                if difference.reason:
                     where = asset if len(names) == 1 else f"{name}, {asset}"
-                    notes.setdefault(f"{where}: {found.reason}", []).append(measure)
+                    notes.setdefault(f"{where}: {difference.reason}", []).append(measure)
     return blocks + ([("ul", [f"none for {text} ({', '.join(measures)})" for text, measures in notes.items()])] if notes else [])
 
 
@@ -151,16 +151,18 @@ def _by_measure(tables):
     for measure in measures:
         cells = []
         for name, table in tables.items():
-            found = [table.get(asset, {}).get(measure) for asset in assets]
-            cells.append([name, *map(_percent, found), *(_summary(found, of) for of in SUMMARIES.values())])
+            differences = [table.get(asset, {}).get(measure) for asset in assets]
+            cells.append([name, *map(_percent, differences), *(_summary(differences, of) for of in SUMMARIES.values())])
         blocks += [("h3", measure), ("table", (["group", *assets, *SUMMARIES], cells))]
     return blocks
 
 
-def _percent(found):
-    return "-" if found is None or found.percent is None else f"{found.percent:+.2f} ({100 * found.overlap:.0f} %)"
+def _percent(difference):
+    if difference is None or difference.percent is None:
+        return "-"
+    return f"{difference.percent:+.2f} ({100 * difference.overlap:.0f} %)"
 
 
-def _summary(found, of):
-    value, number = summary([one for one in found if one is not None], of)
-    return _number(value, "+.2f") + (f" ({number})" if 0 < number < len(found) else "")
+def _summary(differences, of):
+    value, number = summary([difference for difference in differences if difference is not None], of)
+    return _number(value, "+.2f") + (f" ({number})" if 0 < number < len(differences) else "")

@@ -54,15 +54,15 @@ def read_missing(folder):
     """[{TOLD: text}] of jobs without metrics.json: what missing.json says, or "not finished" and the last line of the log."""
     if Path(folder).is_file():
         return [row for row in _kept_rows(folder) if "state" in row]
-    found = []
+    missing = []
     for job in sorted({path.parent for name in (JOB, MISSING) for path in Path(folder).glob(f"*/*/{name}")}):
         if (job / METRICS).exists():
             continue
         facts = {"asset": job.parent.name, "setting": job.name, **(read_json(job / JOB) or {})}
-        told, log = read_json(job / MISSING), job / LOG
-        facts |= told or {"state": "not finished", "reason": last_line(log) if log.exists() else "it has not begun"}
-        found.append({key: str(facts.get(key, "")) for key in TOLD})
-    return found
+        reason, log = read_json(job / MISSING), job / LOG
+        facts |= reason or {"state": "not finished", "reason": last_line(log) if log.exists() else "it has not begun"}
+        missing.append({key: str(facts.get(key, "")) for key in TOLD})
+    return missing
 
 
 def at(row, path):
@@ -99,10 +99,10 @@ def rate_of(row, kind):
 
 def grouped(rows):
     """{group: {asset: its rows}} in the order in which they come."""
-    found = {}
+    groups = {}
     for row in rows:
-        found.setdefault(row["group"], {}).setdefault(row["asset"], []).append(row)
-    return found
+        groups.setdefault(row["group"], {}).setdefault(row["asset"], []).append(row)
+    return groups
 
 
 def curve_points(rows, measure, kind):

@@ -92,7 +92,7 @@ def absent(points, args):
 
 def runs_of(points, out):
     """[(Point, {"bytes", "values", "seconds" of the processor} of its job, or {"error": why it failed})]."""
-    found = []
+    runs = []
     for point in points:
         folder = out / point.asset / point.job
         try:
@@ -102,8 +102,8 @@ def runs_of(points, out):
         except FileNotFoundError:
             log = folder / "log.txt"
             run = {"error": log.read_text(encoding="utf-8").strip().splitlines()[-1] if log.exists() else "it has not run"}
-        found.append((point, run))
-    return found
+        runs.append((point, run))
+    return runs
 
 
 def changes_of(point, run):
@@ -116,26 +116,26 @@ def percent_of(point, run):
     return 100 * (run["bytes"]["total"] / point.bytes["total"] - 1)
 
 
-def is_same(found):
+def is_same(runs):
     """Whether all of runs_of() have the recorded bytes."""
-    return not any("error" in run or changes_of(point, run) for point, run in found)
+    return not any("error" in run or changes_of(point, run) for point, run in runs)
 
 
-def page_of(found, left_out, args):
-    """The page, Markdown. found: of runs_of(); left_out: sentences about points that were not encoded."""
-    done = [(point, run) for point, run in found if "error" not in run]
+def page_of(runs, left_out, args):
+    """The page, Markdown. runs: of runs_of(); left_out: sentences about points that were not encoded."""
+    done = [(point, run) for point, run in runs if "error" not in run]
     same, runs = sum(not changes_of(*pair) for pair in done), {(point.asset, point.job): run for point, run in done}.values()
     lead = (f"Made by `{command_of(args)}` {made_on()}: points of ours that other commits have measured, encoded again with "
             f"their recorded options by this one, {len(runs)} encodes in {sum(run['seconds'] for run in runs):.0f} processor "
             "seconds.")
-    said = (f"**{same} of {len(found)} points have the same bytes.** Percent are of the recorded bytes, positive where there are "
+    said = (f"**{same} of {len(runs)} points have the same bytes.** Percent are of the recorded bytes, positive where there are "
             "more now. Same values: of the points whose record has the hash of the decoded values, those that have it still.")
     blocks = [("h1", "Recorded points, encoded again"), *(("p", text) for text in (lead, said, *left_out)),
-              ("table", summary(found))]
-    for record in dict.fromkeys(point.record for point, _ in found):
+              ("table", summary(runs))]
+    for record in dict.fromkeys(point.record for point, _ in runs):
         if lines := [line_of(*pair) for pair in done if pair[0].record == record and changes_of(*pair)]:
             blocks += [("h2", shown(record)), ("table", (["asset", "setting", "recorded", "now", "%", "of which"], lines, 2))]
-    if failed := [[shown(point.record), point.asset, point.setting, run["error"]] for point, run in found if "error" in run]:
+    if failed := [[shown(point.record), point.asset, point.setting, run["error"]] for point, run in runs if "error" in run]:
         blocks += [("h2", "Failed"), ("table", (["record", "asset", "setting", "error"], failed, 4))]
     return "\n".join(wrapped(as_markdown(blocks).splitlines())).rstrip() + "\n"
 
@@ -147,11 +147,11 @@ def line_of(point, run):
             f"{percent_of(point, run):+.2f}", ", ".join(parts)]
 
 
-def summary(found):
+def summary(runs):
     """Content of the table with a line per record."""
     lines = []
-    for record in dict.fromkeys(point.record for point, _ in found):
-        here = [(point, run) for point, run in found if point.record == record]
+    for record in dict.fromkeys(point.record for point, _ in runs):
+        here = [(point, run) for point, run in runs if point.record == record]
         done = [(point, run) for point, run in here if "error" not in run]
         hashed = [point.values == run["values"] for point, run in done if point.values]
         percents = [percent_of(*pair) for pair in done]

@@ -225,13 +225,13 @@ def measure(context: Context) -> Iterator[Row]:
                 yield Row(f"fit/{name}/draw", facts | {"threads": os.cpu_count()})
             work.wait("kernels")
             drawn = load_samples(_folder(context), name)
-            mine = [Case(name, point, taken, drawn) for point in points]
-            for case in mine:
+            cases = [Case(name, point, taken, drawn) for point in points]
+            for case in cases:
                 if context.wants(f"{case.key}/cpu_step"):  # alone, before the processor's fits begin
                     yield Row(f"{case.key}/cpu_step", cpu_step(case, context.scaled(CPU_STEPS, 2)))
             work.fit_beside(name, points)
             work.wait_for_compilers(name)
-            for case in mine:
+            for case in cases:
                 yield from _fits(context, case, work.steps)
     finally:
         work.end()
@@ -287,7 +287,7 @@ def fitted(context: Context, case: Case, steps: int, **settings: Any) -> dict[st
     """Figures of a whole fit."""
     begin = time.perf_counter()
     fit = case.fit(context, **settings)
-    made = time.perf_counter()
+    set_up = time.perf_counter()
     fit.warm(steps)
     warm = time.perf_counter()
     fit._settled = lambda: False  # type: ignore[method-assign]  # all steps are taken, so that seconds compare
@@ -296,7 +296,7 @@ def fitted(context: Context, case: Case, steps: int, **settings: Any) -> dict[st
     longest = min(MOST_FIT_SECONDS, max(context.left() - 20, 1))
     figures = {"asked_steps": steps, "engine": "fused" if fit.engine is not None else "plain", "graph": bool(fit.graph),
                "products": fit.products, "batch": fit.layout.batch, "block": fit.layout.block, "latents": fit.design.rows,
-               "samples": len(fit.samples), "setup_seconds": round(made - begin, 2), "compile_seconds": round(warm - made, 2),
+               "samples": len(fit.samples), "setup_seconds": round(set_up - begin, 2), "compile_seconds": round(warm - set_up, 2),
                "first_milliseconds_a_step": round(1000 * each, 4), "distances": getattr(fit, "distances", []),
                "remarks": fit.remarks}
     if each * steps > longest:

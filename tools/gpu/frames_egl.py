@@ -51,8 +51,8 @@ def write_shaders(folder: Path) -> Path:
     for name in ASSETS:
         if (folder / f"frames_{name}.npz.xz").exists():
             data = load_arrays(folder / f"frames_{name}.npz.xz")
-            made = shaders_of(payload_of(data), data["halves"]) if "halves" in data else shaders_of(None, None)
-            out[name] = {"shader": made["network"] or made["voxels"], "block": made["block"]}
+            shaders = shaders_of(payload_of(data), data["halves"]) if "halves" in data else shaders_of(None, None)
+            out[name] = {"shader": shaders["network"] or shaders["voxels"], "block": shaders["block"]}
     path.write_text(json.dumps(out))
     return path
 

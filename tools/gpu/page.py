@@ -33,8 +33,8 @@ def page(record: dict[str, Any]) -> str:
     machines = list(_machines(record["machines"])) or ["No GPU has been at hand yet."]
     lines = ["# On a GPU", "", *machines, "", HOW, ""]
     for title, table in (("Beside the paper", _beside), ("The fit", _fit), ("Batches", _batches), ("Frames", _frames)):
-        made = list(table(rows))
-        lines += [f"## {title}", "", *(made or ["Not measured."]), ""]
+        table_lines = list(table(rows))
+        lines += [f"## {title}", "", *(table_lines or ["Not measured."]), ""]
     lines += ["## What was not measured", "", *_left_out(rows), ""]
     return "\n".join(lines)
 

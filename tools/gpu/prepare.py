@@ -60,7 +60,7 @@ def capture(path: Path, points: tuple[str, ...], threads: int) -> dict[str, Any]
     finally:
         fit_payload.fit_payload = kept
     places = fit_payload.components_of(taken["source"].channels)
-    taken["judged"] = [c for channel, mine in places.items() if channel is not ALPHA for c in mine]
+    taken["judged"] = [c for channel, columns in places.items() if channel is not ALPHA for c in columns]
     taken["rgb"] = list(next(iter(places.values())))
     return taken
 

@@ -27,7 +27,7 @@ from texfcodec.codecs.neural.payload import Payload, Tables, enc_codes
 from texfcodec.field.texels import TexelSupport
 from texfcodec.field.voxels import VoxelSupport
 from texfcodec.io.load import load
-from texfcodec.metrics.views import SIZE, VIEWS, Look, renderer
+from texfcodec.metrics.views import SIZE, VIEWS, ViewSettings, renderer
 from texfcodec.render.camera import Camera, bounding_sphere, fibonacci_direction, orthographic
 from texfcodec.scene.scene import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Scene
 from texfcodec.texf import Texf
@@ -107,16 +107,17 @@ def _neural_arrays(texf, supports):
     tables = [evaluator for evaluator in texf.evaluators if isinstance(evaluator, Tables)]
     payload = tables[0].payload
     assert isinstance(payload, Payload)  # of a decoded stream
-    one, two = payload.levels
+    coarse, fine = payload.levels
     shape = payload.features, payload.hidden, payload.components, payload.octaves
-    if shape != (FEATURES, HIDDEN, OUTPUTS, 3) or one.table_log2 or not two.table_log2:
+    if shape != (FEATURES, HIDDEN, OUTPUTS, 3) or coarse.table_log2 or not fine.table_log2:
         raise ValueError(f"the kernels know another shape of network than {payload}")
     parts = [bricks_of(table.keys[0]) for table in tables]
     positions, exact = _known_points(supports, tables)
     return {
         "halves": payload.halves.astype(np.uint16), "codes": np.frombuffer(enc_codes(payload.codes), np.uint8),
         "first_wave": payload.first_wave, "salts": np.array([n * HASH_FIELD & 0xFFFFFFFF for n in range(len(tables))], np.uint32),
-        "levels": np.array([(level.resolution, level.table_log2, payload.first_row(0, n)) for n, level in enumerate((one, two))]),
+        "levels": np.array([(level.resolution, level.table_log2, payload.first_row(0, n))
+                            for n, level in enumerate((coarse, fine))]),
         "latent_bricks": np.concatenate([b for b, _ in parts]), "latent_words": np.concatenate([w for _, w in parts]),
         "latent_counts": np.array([(len(b), len(t.keys[0])) for (b, _), t in zip(parts, tables, strict=True)]),
         "points": positions, "exact": exact,
@@ -165,7 +166,7 @@ def cameras_of(centre: np.ndarray, radius: float, views: int = VIEWS) -> np.ndar
 
 def reference_picture(side: Scene | Texf, camera: Camera) -> np.ndarray:
     """What texf-render draws as the metric draws it, with coarser levels: uint8 [H, W, 4], alpha 255 where anything is seen."""
-    picture = renderer(side, Look(mipmaps=True))(camera)
+    picture = renderer(side, ViewSettings(mipmaps=True))(camera)
     seen = np.zeros(camera.width * camera.height, np.uint8)
     seen[picture.pixel] = 255
     return np.concatenate([picture.image(), seen.reshape(camera.height, camera.width, 1)], axis=2)

@@ -1,1 +1,1 @@
-"""What is shown beside the tests: bounds, determinism, load, mutants, coverage, and models of strangers."""
+"""What is shown beside the tests: bounds, determinism, load, mutants, coverage, and public models."""

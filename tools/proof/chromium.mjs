@@ -95,7 +95,7 @@ async function vectors() {
       let text = '';
       run.stdout.on('data', (part) => { text += part; });
       run.on('close', (code) => {
-        for (const line of text.split('\n').filter((one) => one.startsWith('FAIL'))) console.log(line);
+        for (const line of text.split('\n').filter((row) => row.startsWith('FAIL'))) console.log(line);
         report(`vectors in Chromium ${browser.version()}`, code === 0, text.trim().split('\n').at(-1));
         resolve();
       });
@@ -105,7 +105,7 @@ async function vectors() {
 
 // Bad downloads
 
-const refused = (code) => ({ code: found, message, left }) => found === code && left === 0 && message.length > 10 && !message.includes('\n');
+const refused = (code) => ({ code: actual, message, left }) => actual === code && left === 0 && message.length > 10 && !message.includes('\n');
 const loaded = ({ meshes, left }) => meshes === 1 && left === 0;
 const ONCE = [ // what it is, the code that it is refused with, the check of the page and its arguments
   ['a stream', null, 'outcome', '/good.texf'], ['a stream that is called text', null, 'outcome', '/text.texf'],
@@ -134,13 +134,13 @@ async function loader() {
     const check = (name, ...parts) => opened.evaluate(([n, p]) => window.check[n](...p), [name, parts]);
     for (const [n, name] of streams.entries()) await copyFile(name, path.join(root, `${n}.texf`));
     for (const [title, code, ...call] of ONCE) {
-      const found = await check(...call);
-      report(title, (code ? refused(code) : loaded)(found), found);
+      const outcome = await check(...call);
+      report(title, (code ? refused(code) : loaded)(outcome), outcome);
     }
     report('both downloads were given up', closed === 2, { closed });
     for (const ms of [0, 10]) {
-      const found = await check('aborted', '/cache/0.texf', ms);
-      report(`abort after ${ms} ms`, found.left === 0 && (found.code === 'aborted' || found.meshes > 0), found);
+      const outcome = await check('aborted', '/cache/0.texf', ms);
+      report(`abort after ${ms} ms`, outcome.left === 0 && (outcome.code === 'aborted' || outcome.meshes > 0), outcome);
     }
     const three = await check('atOnce', '/good.texf', '/other.texf'), shared = await check('shared', '/good.texf');
     report('three loaders at once', three.every(loaded), three);
@@ -151,12 +151,12 @@ async function loader() {
       return (await session.send('Runtime.getHeapUsage')).usedSize / 1048576;
     };
     for (const [n, name] of streams.entries()) {
-      const found = await check('restored', `/cache/${n}.texf`), title = path.basename(name, '.texf');
+      const outcome = await check('restored', `/cache/${n}.texf`), title = path.basename(name, '.texf');
       if (pictures) {
         await mkdir(pictures, { recursive: true });
         await opened.locator('canvas').screenshot({ path: path.join(pictures, `${title}-${n}-restored.png`) });
       }
-      report(`a lost context comes back, ${title}`, found.differ === 0 && found.covered > 1000, found);
+      report(`a lost context comes back, ${title}`, outcome.differ === 0 && outcome.covered > 1000, outcome);
       await check('clear');
       await check('loads', `/cache/${n}.texf`, 5);
       const before = await heap(), first = await check('loads', `/cache/${n}.texf`, 1), last = await check('loads', `/cache/${n}.texf`, 50);

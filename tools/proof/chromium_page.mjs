@@ -86,7 +86,7 @@ async function loaderChecks() {
     manager.itemStart = (item) => { counts.begun++; start(item); };
     manager.itemEnd = (item) => { counts.ended++; end(item); };
     const begin = performance.now();
-    const found = await Promise.race([
+    const result = await Promise.race([
       Promise.all([loader.loadAsync(url), use(loader)]).then(([group]) => ({ meshes: group.children.length }), (error) => (
         { code: error instanceof TexfError ? error.code : error.name, message: error.message })),
       new Promise((resolve) => { setTimeout(() => resolve({ code: 'nothing happened' }), 20000); }),
@@ -95,7 +95,7 @@ async function loaderChecks() {
     loader.dispose();
     await new Promise((resolve) => { setTimeout(resolve, 100); });
     const { busy, idle, waiting } = loader.decoder;
-    return { ...found, seconds, left: busy.size + idle.length + waiting.length + counts.begun - counts.ended };
+    return { ...result, seconds, left: busy.size + idle.length + waiting.length + counts.begun - counts.ended };
   }
   const pause = (ms) => new Promise((resolve) => { setTimeout(resolve, ms); });
 

@@ -56,12 +56,12 @@ TESTS = tomllib.loads(Path(__file__).with_name("coverage_parts.toml").read_text(
 
 @dataclass(frozen=True)
 class Part:
-    """What runs. call: arguments of the interpreter; variables: of its environment; told: in words."""
+    """What runs. call: arguments of the interpreter; variables: of its environment; description: in words."""
 
     name: str
     call: tuple[str, ...]
     variables: dict
-    told: str
+    description: str
 
 
 def tests_of(chosen):
@@ -71,15 +71,15 @@ def tests_of(chosen):
     return (*PYTEST, *(f"{path(file)}{between}{test}" for file, between, test in parts))
 
 
-def told_of(chosen):
+def description_of(chosen):
     """The same in words."""
     return "quick tests of " + ", ".join(dict.fromkeys(name.partition("::")[0] for name in chosen))
 
 
 PARTS = (
     Part("conformance", ("conformance/run.py",), JIT_OFF, "every vector, at every level of detail, with its queries; no JIT"),
-    Part("plain", tests_of(TESTS["plain"]), JIT_OFF, told_of(TESTS["plain"]) + "; no JIT"),
-    Part("compiled", tests_of(TESTS["compiled"]), JIT_ON, told_of(TESTS["compiled"]) + "; with the JIT"),
+    Part("plain", tests_of(TESTS["plain"]), JIT_OFF, description_of(TESTS["plain"]) + "; no JIT"),
+    Part("compiled", tests_of(TESTS["compiled"]), JIT_ON, description_of(TESTS["compiled"]) + "; with the JIT"),
     Part("warmup", ("-m", "texfcodec.cli.enc", "--warmup"), JIT_ON, "`texf-enc --warmup`"),
 )
 
@@ -162,21 +162,21 @@ def measured(rc, modules):
     """Module of each module, from all data beside the settings. modules: {name: file}."""
     from coverage import Coverage
 
-    found = Coverage(config_file=str(rc), data_file=str(rc.parent / "all"))
-    found.combine([str(file) for file in sorted((rc.parent / "data").iterdir())], keep=True)
+    coverage = Coverage(config_file=str(rc), data_file=str(rc.parent / "all"))
+    coverage.combine([str(file) for file in sorted((rc.parent / "data").iterdir())], keep=True)
     report = rc.parent / "report.json"
-    found.json_report(outfile=str(report), include=[str(file) for file in modules.values()], ignore_errors=False)
-    told = json.loads(report.read_text(encoding="utf-8"))["files"]
-    files = {(REPOSITORY / name).resolve(): part for name, part in told.items()}
+    coverage.json_report(outfile=str(report), include=[str(file) for file in modules.values()], ignore_errors=False)
+    measured_files = json.loads(report.read_text(encoding="utf-8"))["files"]
+    files = {(REPOSITORY / name).resolve(): part for name, part in measured_files.items()}
     return [counted(name, files[file], file.read_text(encoding="utf-8").splitlines()) for name, file in modules.items()]
 
 
-def counted(name, told, lines):
+def counted(name, measured_file, lines):
     """Module of what the report of `coverage` tells of a file. lines: the file's."""
     at = lambda line: "end" if line < 0 else lines[line - 1].strip()
     missed = [Branch(function or "module", line, at(line), at(goal))
-              for function, part in told["functions"].items() for line, goal in part["missing_branches"]]
-    summary = told["summary"]
+              for function, part in measured_file["functions"].items() for line, goal in part["missing_branches"]]
+    summary = measured_file["summary"]
     return Module(name.removeprefix("texfcodec."), summary["num_statements"], summary["num_branches"],
                   tuple(sorted(missed, key=lambda branch: branch.line)))
 
@@ -189,10 +189,10 @@ def share_of(modules):
 
 def complaints(modules, reasons):
     """One sentence for everything that makes the run fail."""
-    found = [f"{m.name}:{branch.line} is not taken and nothing says why: {branch.key_in(m.name)}"
-             for m in modules for branch in m.missed if branch.key_in(m.name) not in reasons]
+    sentences = [f"{m.name}:{branch.line} is not taken and nothing says why: {branch.key_in(m.name)}"
+                 for m in modules for branch in m.missed if branch.key_in(m.name) not in reasons]
     share = share_of(modules)
-    return found + ([f"{share:.2f} % of the branches are taken, less than {LEAST} %"] if share < LEAST else [])
+    return sentences + ([f"{share:.2f} % of the branches are taken, less than {LEAST} %"] if share < LEAST else [])
 
 
 # The page
@@ -210,7 +210,7 @@ KERNELS = (
 
 def page_of(modules, reasons, runs):
     """docs/reports/coverage.md. modules: Module; reasons: {key: why}; runs: (Part, seconds)."""
-    statements, branches, missed = (sum(found) for found in zip(*((m.statements, m.branches, len(m.missed)) for m in modules),
+    statements, branches, missed = (sum(numbers) for numbers in zip(*((m.statements, m.branches, len(m.missed)) for m in modules),
                                                                  strict=True))
     share = f"{100 * (branches - missed) / max(branches, 1):.2f} %"
     rows = [[m.name, m.statements, m.branches, len(m.missed),
@@ -220,7 +220,7 @@ def page_of(modules, reasons, runs):
     out = ["# Branches of the decoder", "", f"Made by `make coverage` (tools/proof/coverage_table.py). {INTRODUCTION}", "",
            f"**{branches - missed} of {branches} branches are taken, {share}**, in {len(modules)} modules of {statements} "
            f"statements; the other {missed} are named below. {KERNELS}", "", "## What runs", "",
-           *markdown_table(["part", "what", "seconds"], [[p.name, p.told, f"{seconds:.0f}"] for p, seconds in runs], 2), "",
+           *markdown_table(["part", "what", "seconds"], [[p.name, p.description, f"{spent:.0f}"] for p, spent in runs], 2), "",
            f"Made {made_on()}; other work may have shared the processor.", "", "## By module", "",
            *markdown_table(["module", "statements", "branches", "not taken", "taken"],
                            [*rows, ["all", statements, branches, missed, share]]), "",
@@ -252,13 +252,13 @@ def main(arguments=None):
             print(f"{part.name}: {spent[part.name]:.0f} s", flush=True)
     times.write_text(json.dumps(spent), encoding="utf-8")
     reasons = json.loads(REASONS.read_text(encoding="utf-8"))
-    found = measured(rc, modules)
+    measured_modules = measured(rc, modules)
     if args.page:
         runs = [(part, spent[part.name]) for part in PARTS if part.name in spent]
-        args.page.write_text(page_of(found, reasons, runs), encoding="utf-8")
-    wrong = failed + complaints(found, reasons)
-    branches = sum(m.branches for m in found)
-    print("\n".join([*wrong, f"{share_of(found):.2f} % of {branches} branches in {len(found)} modules"]))
+        args.page.write_text(page_of(measured_modules, reasons, runs), encoding="utf-8")
+    wrong = failed + complaints(measured_modules, reasons)
+    branches = sum(m.branches for m in measured_modules)
+    print("\n".join([*wrong, f"{share_of(measured_modules):.2f} % of {branches} branches in {len(measured_modules)} modules"]))
     return EXIT_DIFFERS if wrong else 0
 
 

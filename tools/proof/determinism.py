@@ -79,11 +79,11 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class Configuration:
-    """told: a sentence for the page; expects: facts of determinism_child that must begin so, or be so, for the configuration to
-    be what its name says; python, pins: of a virtual environment, the requirements of what is varied."""
+    """description: a sentence for the page; expects: facts of determinism_child that must begin so, or be so, for the
+    configuration to be what its name says; python, pins: of a virtual environment, the requirements of what is varied."""
 
     name: str
-    told: str
+    description: str
     expects: dict
     threads: int = 1
     variables: dict = field(default_factory=dict)
@@ -125,18 +125,18 @@ QUICK = ("7 threads", "Turkish, +05:45")
 
 def cases_of(assets, quick):
     """Every Case: the tiny scenes; unless quick the sample, the assets of a folder (None: none) and the vectors."""
-    found = [Case(name, name, name, options, tiny=True) for name, options in TINY.items()]
+    cases = [Case(name, name, name, options, tiny=True) for name, options in TINY.items()]
     if quick:
-        return found
-    found.append(Case("sample", "sample", "sample", SAMPLE))
-    found += [Case(name, name, name, options, assets / f"{name}.glb") for name, options in ASSETS.items()] if assets else []
+        return cases
+    cases.append(Case("sample", "sample", "sample", SAMPLE))
+    cases += [Case(name, name, name, options, assets / f"{name}.glb") for name, options in ASSETS.items()] if assets else []
     groups = {"small": [], "larger": []}
     for path in sorted((REPOSITORY / "conformance").glob("*/*/case.json")):
-        told = json.loads(path.read_text(encoding="utf-8"))
-        if "expect" not in told:
-            values = sum(sum(told["features"].get(name) or [0]) for name in ("voxels", "texels"))
+        facts = json.loads(path.read_text(encoding="utf-8"))
+        if "expect" not in facts:
+            values = sum(sum(facts["features"].get(name) or [0]) for name in ("voxels", "texels"))
             groups["small" if values <= SMALL_VALUES else "larger"].append(path.parent)
-    return found + [Case(folder.name, f"{len(group)} {size} vectors", path=folder / "in.texf", tiny=size == "small")
+    return cases + [Case(folder.name, f"{len(group)} {size} vectors", path=folder / "in.texf", tiny=size == "small")
                     for size, group in groups.items() for folder in group]
 
 
@@ -215,37 +215,37 @@ class Run:
 
 def run(configuration, cases, args, streams):
     """The Run of a configuration. streams: {key: file that is decoded}; keys that are missing are encoded there first."""
-    found, todo = Run(configuration, args.out), []
+    run_so_far, todo = Run(configuration, args.out), []
     for case in cases:
         if case.path is not None and not case.path.exists():
-            found.rows.setdefault(case.key, {"key": case.key, "missing": "the asset is not there"})
-        elif case.key not in found.rows and (case.tiny or not configuration.tiny_only):
+            run_so_far.rows.setdefault(case.key, {"key": case.key, "missing": "the asset is not there"})
+        elif case.key not in run_so_far.rows and (case.tiny or not configuration.tiny_only):
             todo.append(case)
     try:
         if todo:
-            _run_child(found, todo, args, streams)
+            _run_child(run_so_far, todo, args, streams)
     except NotMade as reason:
-        found.reason = str(reason)
-    return found
+        run_so_far.reason = str(reason)
+    return run_so_far
 
 
-def _run_child(found, todo, args, streams):
-    configuration = found.configuration
+def _run_child(run_so_far, todo, args, streams):
+    configuration = run_so_far.configuration
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch) / ELSEWHERE if configuration.elsewhere else REPOSITORY
         place.mkdir(exist_ok=True)
-        told = [_told(case, place, configuration, streams, args.out) for case in todo]
+        jobs = [_job(case, place, configuration, streams, args.out) for case in todo]
         python, variables = _process_of(configuration, args)
         with ((args.out / f"{configuration.slug}.log").open("w") as log,
               subprocess.Popen([python, REPOSITORY / "tools/proof/determinism_child.py"], cwd=place, stderr=log, env=variables,
                                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8") as child):
             try:
-                _listen(child, json.dumps({"threads": configuration.threads, "cases": told}), found, todo)
+                _listen(child, json.dumps({"threads": configuration.threads, "cases": jobs}), run_so_far, todo)
             finally:
                 child.kill()
 
 
-def _told(case, place, configuration, streams, out):
+def _job(case, place, configuration, streams, out):
     """A case as the child takes it."""
     source = case.source
     if source is not None and source not in SCENES:
@@ -290,7 +290,7 @@ def _locale(name, folder):
     return folder.resolve()
 
 
-def _listen(child, job, found, todo):
+def _listen(child, job, run_so_far, todo):
     """Takes facts and rows from a child as they come. Raises NotMade if it is not what the configuration says."""
     child.stdin.write(job)
     child.stdin.close()
@@ -298,18 +298,18 @@ def _listen(child, job, found, todo):
     facts = next(lines, None)
     if facts is None:
         raise NotMade(f"its process ends with {child.wait()} before it says a word")
-    for name, wanted in found.configuration.expects.items():
+    for name, wanted in run_so_far.configuration.expects.items():
         if not (facts[name].startswith(wanted) if isinstance(wanted, str) else facts[name] == wanted):
             raise NotMade(f"{name} is {facts[name]!r}, not {wanted!r}")
-    if found.facts is None:
-        found.note({"code": found.code, "facts": facts})
-    found.facts = facts
+    if run_so_far.facts is None:
+        run_so_far.note({"code": run_so_far.code, "facts": facts})
+    run_so_far.facts = facts
     for row in lines:
         row["key"] = row.pop("name")
-        found.rows[row["key"]] = row
-        found.note(row)
-        print(f"{found.configuration.name}: {row['key']}: {row.get('error') or str(row['seconds']) + ' s'}", flush=True)
-    if left := [case for case in todo if case.key not in found.rows]:
+        run_so_far.rows[row["key"]] = row
+        run_so_far.note(row)
+        print(f"{run_so_far.configuration.name}: {row['key']}: {row.get('error') or str(row['seconds']) + ' s'}", flush=True)
+    if left := [case for case in todo if case.key not in run_so_far.rows]:
         raise NotMade(f"its process ended with {child.wait()} at {left[0].key}")
 
 
@@ -359,18 +359,18 @@ def _verdict(case, expected, run, reason):
     if "error" in expected:
         return Verdict(FAILS, f"the reference fails: {expected['error']}")
     if run.configuration.tiny_only and not case.tiny:
-        return Verdict(NOT_RUN, run.configuration.told)
-    found = run.rows.get(case.key)
-    if found is None or "missing" in found:
-        return Verdict(NOT_RUN, run.reason or found["missing"])
-    if "error" in found:
-        return Verdict(FAILS, f"{case.key}: {found['error']}")
-    arrays = expected["arrays"] | found["arrays"]
-    changed = [name for name in arrays if expected["arrays"].get(name) != found["arrays"].get(name)]
+        return Verdict(NOT_RUN, run.configuration.description)
+    row = run.rows.get(case.key)
+    if row is None or "missing" in row:
+        return Verdict(NOT_RUN, run.reason or row["missing"])
+    if "error" in row:
+        return Verdict(FAILS, f"{case.key}: {row['error']}")
+    arrays = expected["arrays"] | row["arrays"]
+    changed = [name for name in arrays if expected["arrays"].get(name) != row["arrays"].get(name)]
     if changed:
         return Verdict(ARRAYS, f"{case.key}: {', '.join(changed)}")
-    if found["stream"] != expected["stream"]:
-        return Verdict(STREAM, f"{case.key}: {found['bytes']:,} bytes, where the reference has {expected['bytes']:,}")
+    if row["stream"] != expected["stream"]:
+        return Verdict(STREAM, f"{case.key}: {row['bytes']:,} bytes, where the reference has {expected['bytes']:,}")
     return Verdict(SAME)
 
 
@@ -401,9 +401,10 @@ def _matrix(runs, verdicts):
 def _configurations(runs):
     rows, head = [], ["configuration", "what it is", "Python", "numba", "numpy", "AVX2 used by", "libm", "locale"]
     for run in runs:
-        one, facts = run.configuration, run.facts
-        rows.append([one.name, f"{one.told}; not run: {run.reason}", *[""] * (len(head) - 2)] if facts is None else [
-            one.name, one.told, facts["python"], facts["numba"] + ("" if facts["jit"] else ", JIT off"), facts["numpy"],
+        configuration, facts = run.configuration, run.facts
+        name, description = configuration.name, configuration.description
+        rows.append([name, f"{description}; not run: {run.reason}", *[""] * (len(head) - 2)] if facts is None else [
+            name, description, facts["python"], facts["numba"] + ("" if facts["jit"] else ", JIT off"), facts["numpy"],
             ", ".join(facts["wide"]) or "none", facts["libm"][:6],
             f"point “{facts['decimal point']}”, {facts['offset to UTC']}, {facts['encoding']}"])
     yield ("What each process measured of itself before it began; a configuration that is not what it says is not run. AVX2 "
@@ -436,17 +437,18 @@ def main(arguments=None):
     args = parser.parse_args(arguments)
     args.out.mkdir(parents=True, exist_ok=True)
     args.out, cases = args.out.resolve(), cases_of(args.assets, args.quick)
-    wanted = args.only or (QUICK if args.quick else [one.name for one in CONFIGURATIONS])
+    wanted = args.only or (QUICK if args.quick else [configuration.name for configuration in CONFIGURATIONS])
     reference = run(REFERENCE, cases, args, {})  # every other decodes what this has encoded
     streams = {case.key: stream_of(case, REFERENCE, args.out) for case in cases if case.source is not None}
     streams = {key: path for key, path in streams.items() if path.exists()}
-    runs = [reference, *(run(one, cases, args, streams) for one in CONFIGURATIONS if one.name in wanted)]
+    chosen = [configuration for configuration in CONFIGURATIONS if configuration.name in wanted]
+    runs = [reference, *(run(configuration, cases, args, streams) for configuration in chosen)]
     verdicts = verdicts_of(runs, cases)
     text = page_of(runs, cases, verdicts, {**TINY, "sample": SAMPLE, **ASSETS})
     if args.page:
         args.page.write_text(text, encoding="utf-8")
     print(text)
-    return EXIT_DIFFERS if any(one.differs for row in verdicts.values() for one in row.values()) else 0
+    return EXIT_DIFFERS if any(verdict.differs for row in verdicts.values() for verdict in row.values()) else 0
 
 
 if __name__ == "__main__":

@@ -86,14 +86,14 @@ def row_of(case, threads):
     from texfcodec.options import DecodeOptions, EncodeOptions
 
     begin, source = time.perf_counter(), case["source"]
-    made = None if source is None else encode(SCENES[source]() if source in SCENES else source,
-                                              EncodeOptions(threads=threads, **case["options"]))
-    if made is not None and case["keep"]:
-        Path(case["keep"]).write_bytes(made)
-    stream = made if case["stream"] is None else Path(case["stream"]).read_bytes()
+    encoded = None if source is None else encode(SCENES[source]() if source in SCENES else source,
+                                                 EncodeOptions(threads=threads, **case["options"]))
+    if encoded is not None and case["keep"]:
+        Path(case["keep"]).write_bytes(encoded)
+    stream = encoded if case["stream"] is None else Path(case["stream"]).read_bytes()
     whole, coarse = (decode(stream, DecodeOptions(threads=threads, lod=lod)) for lod in (0, COARSER))
-    arrays = fingerprint(whole) | {f"lod{COARSER}_{name}": told for name, told in fingerprint(coarse).items()}
-    return {"name": case["name"], "stream": made and _sha256(made), "bytes": len(stream if made is None else made),
+    arrays = fingerprint(whole) | {f"lod{COARSER}_{name}": fingerprints for name, fingerprints in fingerprint(coarse).items()}
+    return {"name": case["name"], "stream": encoded and _sha256(encoded), "bytes": len(stream if encoded is None else encoded),
             "arrays": arrays | {"answers": answers(whole)}, "seconds": round(time.perf_counter() - begin, 2)}
 
 
@@ -138,21 +138,21 @@ def blas_cores():
 
     import scipy.linalg  # noqa: F401  # it brings a second one
 
-    maps, found = Path("/proc/self/maps"), set()
+    maps, cores = Path("/proc/self/maps"), set()
     for library in map(ctypes.CDLL, sorted(set(re.findall(r"\S*openblas\S*\.so\S*", maps.read_text() if maps.exists() else "")))):
         for name in ("openblas_get_corename", "openblas_get_corename64_"):
             for prefix in ("", "scipy_"):
                 if (ask := getattr(library, prefix + name, None)) is not None:
                     ask.restype = ctypes.c_char_p
-                    found.add(ask().decode())
-    return sorted(found)
+                    cores.add(ask().decode())
+    return sorted(cores)
 
 
 def libm():
     """16 digits over what the C library's functions answer: it has other code for processors without FMA."""
     angles = [0.37 + 0.00123 * i for i in range(20_000)]
-    told = [f(x) for f in (math.sin, math.exp, math.log, lambda x: math.pow(x, 2.4)) for x in angles]
-    return _sha256(np.array(told).tobytes())[:16]
+    values = [f(x) for f in (math.sin, math.exp, math.log, lambda x: math.pow(x, 2.4)) for x in angles]
+    return _sha256(np.array(values).tobytes())[:16]
 
 
 def main():

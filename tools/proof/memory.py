@@ -26,14 +26,14 @@ class Memory:
             forget_peak()
         except OSError:  # another system, or one that forbids it: the peak then holds the warm-up too
             pass
-        self.idle = _told("VmRSS")
+        self.idle = _status_bytes("VmRSS")
 
     def result(self):
         """{"peak", "idle"}: the highest since, and what the process held before; None where the system does not tell."""
         return {"peak": peak_memory_bytes(), "idle": self.idle}
 
 
-def _told(field):
+def _status_bytes(field):
     try:
         return resident(field)
     except (OSError, KeyError):

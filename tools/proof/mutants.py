@@ -113,7 +113,7 @@ class _Changer(ast.NodeTransformer):
     """Counts the changes of a module in the order in which they stand; makes the one of a number."""
 
     def __init__(self, wanted=None):
-        self.wanted, self.count, self.found, self.where = wanted, 0, [], [TOP]
+        self.wanted, self.count, self.mutants, self.where = wanted, 0, [], [TOP]
 
     def visit_FunctionDef(self, node):
         self.where.append(node.name)
@@ -129,7 +129,7 @@ class _Changer(ast.NodeTransformer):
     def generic_visit(self, node):
         for other in alternatives(node):
             place = ".".join(self.where[1:]) or TOP
-            self.found.append((self.count, place, node.lineno, ast.unparse(node), ast.unparse(other)))
+            self.mutants.append((self.count, place, node.lineno, ast.unparse(node), ast.unparse(other)))
             self.count += 1
             if self.count - 1 == self.wanted:
                 return ast.copy_location(other, node)
@@ -141,9 +141,9 @@ def mutants_of(module):
     changer, tree, turns, out = _Changer(), source_of(module), Counter(), []
     left_out = {node.lineno for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in TOLERANCES}
     changer.visit(tree)
-    for found in changer.found:
-        if found[1] not in UNRUN and not (found[1] == TOP and found[2] in left_out):
-            mutant = Mutant(module, *found)
+    for mutant_row in changer.mutants:
+        if mutant_row[1] not in UNRUN and not (mutant_row[1] == TOP and mutant_row[2] in left_out):
+            mutant = Mutant(module, *mutant_row)
             turns[mutant.key] += 1
             out.append(replace(mutant, turn=turns[mutant.key]))
     return out
@@ -153,7 +153,8 @@ def mutants_of(module):
 def called_at_import(module):
     """Names that a module calls to make its constants: no case that finds the module loaded is seen to call them."""
     statements = source_of(module).body
-    calls = [node for made in statements if isinstance(made, ast.Assign) for node in ast.walk(made) if isinstance(node, ast.Call)]
+    assigned = [statement for statement in statements if isinstance(statement, ast.Assign)]
+    calls = [node for statement in assigned for node in ast.walk(statement) if isinstance(node, ast.Call)]
     return {node.func.id for node in calls if isinstance(node.func, ast.Name)}
 
 
@@ -181,8 +182,8 @@ class _Importer(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 @dataclass
 class Case:
-    """A vector at one level of detail. told: its queries, as queries.json has them; said: hashes of its arrays and what is wrong
-    with its answers, or how it is refused; functions: those that it calls."""
+    """A vector at one level of detail. expected: its queries, as queries.json has them; said: hashes of its arrays and what is
+    wrong with its answers, or how it is refused; functions: those that it calls."""
 
     name: str
     data: bytes
@@ -190,7 +191,7 @@ class Case:
     said: object = None
     seconds: float = 0.0
     functions: frozenset = frozenset()
-    told: dict | None = None
+    expected: dict | None = None
 
     def runs(self, mutant):
         """Whether the case calls the function of a mutant; of what runs at import, whether it calls one of the module."""
@@ -201,13 +202,14 @@ class Case:
 
 def cases_of():
     """Every vector that does not ask for a limit, at every level of detail that it has."""
-    found = []
+    cases = []
     for path in sorted(VECTORS.glob("*/*/case.json")):
-        told, data = json.loads(path.read_text(encoding="utf-8")), (path.parent / "in.texf").read_bytes()
+        case_json, data = json.loads(path.read_text(encoding="utf-8")), (path.parent / "in.texf").read_bytes()
         name = f"{path.parent.parent.name}/{path.parent.name}"
-        if told.get("expect") != "limit":
-            found += [Case(name, data, int(lod), told=runner.queries_of(path.parent)) for lod in told.get("lods", {"0": None})]
-    return found
+        if case_json.get("expect") != "limit":
+            queries = runner.queries_of(path.parent)
+            cases += [Case(name, data, int(lod), expected=queries) for lod in case_json.get("lods", {"0": None})]
+    return cases
 
 
 def answer(case):
@@ -216,7 +218,7 @@ def answer(case):
     from conformance.reference import decoder
     from conformance.reference.bits import Invalid, Unsupported
 
-    queries = case.told["lods"].get(str(case.lod), []) if case.told else []
+    queries = case.expected["lods"].get(str(case.lod), []) if case.expected else []
     try:
         texf = decoder.decode(case.data, case.lod)
         files, faults = decoder.arrays(texf), []
@@ -224,7 +226,8 @@ def answer(case):
             from conformance.reference.queries import answer_files, read_queries
 
             answers = answer_files(texf, read_queries(runner.packed(queries)))
-            faults = runner.faults_of_answers({f"{name}.bin": content for name, content in answers.items()}, queries, case.told)
+            files_of_answers = {f"{name}.bin": content for name, content in answers.items()}
+            faults = runner.faults_of_answers(files_of_answers, queries, case.expected)
     except Invalid:
         return "Invalid"
     except Unsupported:
@@ -259,7 +262,7 @@ def known_cases(cases, path):
     before = json.loads(path.read_text(encoding="utf-8")) if path and path.exists() else {}
     sources = b"".join(file.read_bytes() for file in sorted(NAIVE.glob("*.py")))
     for case in cases:
-        mark = hashlib.sha256(sources + case.data + json.dumps([case.lod, case.told]).encode()).hexdigest()
+        mark = hashlib.sha256(sources + case.data + json.dumps([case.lod, case.expected]).encode()).hexdigest()
         if mark in before:
             case.said, case.seconds, functions = before[mark]
             case.functions = frozenset(map(tuple, functions))
@@ -309,33 +312,33 @@ def _try_cases(mutant, cases, writing):
 @cache
 def clauses_of(module):
     """{function: the clauses that its docstring, or that of what it stands in, names} of a module."""
-    found = {}
+    clauses_by_place = {}
 
     def walk(node, place, outer):
         clauses = re.findall(r"\d+(?:\.\d+)+|(?<=[Cc]lause )\d+", ast.get_docstring(node) or "") or outer
-        found[".".join(place)] = clauses
+        clauses_by_place[".".join(place)] = clauses
         for part in node.body:
             if isinstance(part, ast.FunctionDef | ast.ClassDef):
                 walk(part, [*place, part.name], clauses)
 
     walk(source_of(module), [], [])
-    return found
+    return clauses_by_place
 
 
-def page_of(found, equivalents, told=""):
-    """docs/reports/mutants.md. found: {Mutant: killer or None}; told: what was run, a sentence or more."""
-    survivors = [m for m, killer in found.items() if killer is None and m.name not in equivalents]
-    settled = len(found) - len(survivors)
-    share = settled / max(len(found), 1)
+def page_of(killers, equivalents, remark=""):
+    """docs/reports/mutants.md. killers: {Mutant: killer or None}; remark: what was run, a sentence or more."""
+    survivors = [m for m, killer in killers.items() if killer is None and m.name not in equivalents]
+    settled = len(killers) - len(survivors)
+    share = settled / max(len(killers), 1)
     change = lambda m: " -> ".join("`" + text.replace("|", "\\|") + "`" for text in (m.before, m.after))
     clauses = lambda m: clauses_of(m.module).get(m.function, ["none named"])
     out = ["# Mutants of the reference decoder", "", f"Made by `make mutants` (tools/proof/mutants.py) {made_on()}: one rule of "
            "conformance/reference changed at a time, tried on every vector that runs the line.", "",
-           *([told, ""] if told else []),
-           f"{len(found)} mutants, {settled} killed or equivalent ({share:.1%}), {len(survivors)} survivors.", "",
+           *([remark, ""] if remark else []),
+           f"{len(killers)} mutants, {settled} killed or equivalent ({share:.1%}), {len(survivors)} survivors.", "",
            "| module | statements | mutants | killed | equivalent | survivors |", "|---|---:|---:|---:|---:|---:|"]
-    for module in dict.fromkeys(m.module for m in found):
-        own = [(m, killer) for m, killer in found.items() if m.module == module]
+    for module in dict.fromkeys(m.module for m in killers):
+        own = [(m, killer) for m, killer in killers.items() if m.module == module]
         dead, same = sum(killer is not None for _, killer in own), sum(k is None and m.name in equivalents for m, k in own)
         statements = sum(isinstance(node, ast.stmt) for node in ast.walk(source_of(module)))
         out.append(f"| {module} | {statements} | {len(own)} | {dead} | {same} | {len(own) - dead - same} |")
@@ -345,16 +348,16 @@ def page_of(found, equivalents, told=""):
                 for m in survivors]
     out += ["", "## Equivalent", "", "| rule | change | why nothing changes |", "|---|---|---|"]
     out += [f"| {m.module}.{m.function} | {change(m)} | {equivalents[m.name]} |"
-            for m, killer in found.items() if killer is None and m.name in equivalents]
+            for m, killer in killers.items() if killer is None and m.name in equivalents]
     out += ["", "## Which vector kills which rule", "", "The quickest that does, by clause; a vector may kill many more.", "",
             "| clause | mutants killed | by |", "|---|---:|---|"]
-    killers = {}
-    for m, killer in found.items():
+    by_clause = {}
+    for m, killer in killers.items():
         for clause in clauses(m) if killer else []:
-            killers.setdefault(clause, Counter())[killer] += 1
-    for clause in sorted(killers, key=lambda clause: [int(part) if part.isdigit() else 0 for part in clause.split(".")]):
-        names = ", ".join(f"{name} {count}" for name, count in killers[clause].most_common(6))
-        out.append(f"| {clause} | {killers[clause].total()} | {names} |")
+            by_clause.setdefault(clause, Counter())[killer] += 1
+    for clause in sorted(by_clause, key=lambda clause: [int(part) if part.isdigit() else 0 for part in clause.split(".")]):
+        names = ", ".join(f"{name} {count}" for name, count in by_clause[clause].most_common(6))
+        out.append(f"| {clause} | {by_clause[clause].total()} | {names} |")
     return "\n".join(out) + "\n"
 
 
@@ -386,11 +389,12 @@ def _arguments(arguments):
 def wanted_mutants(args):
     """(those that are asked for, how they were chosen as a sentence)."""
     every = [m for module in args.module or MODULES for m in mutants_of(module)]
-    found = [m for m in every if not args.only or any(is_of(m, part) for part in args.only)][:: args.every]
-    if args.sample is None or args.sample >= len(found):
-        return found, f"{len(found)} of {len(every)} mutants." if len(found) < len(every) else "Every mutant."
-    return random.Random(args.seed).sample(found, args.sample), (
-        f"A sample: {args.sample} of {len(found)} mutants, drawn at random with seed {args.seed}. {FITTED}")
+    chosen_mutants = [m for m in every if not args.only or any(is_of(m, part) for part in args.only)][:: args.every]
+    if args.sample is None or args.sample >= len(chosen_mutants):
+        is_part = len(chosen_mutants) < len(every)
+        return chosen_mutants, f"{len(chosen_mutants)} of {len(every)} mutants." if is_part else "Every mutant."
+    return random.Random(args.seed).sample(chosen_mutants, args.sample), (
+        f"A sample: {args.sample} of {len(chosen_mutants)} mutants, drawn at random with seed {args.seed}. {FITTED}")
 
 
 def main(arguments=None):
@@ -407,7 +411,7 @@ def main(arguments=None):
     print(f"{len(wanted)} mutants, {len(cases)} cases, {sum(case.seconds for case in cases):.0f} s", flush=True)
     begin = time.monotonic()
 
-    def one(mutant):
+    def run_mutant(mutant):
         if mutant.name in equivalents:
             return None
         if row := known.get(identity(mutant)):
@@ -425,14 +429,14 @@ def main(arguments=None):
         return killer
 
     with ThreadPoolExecutor(args.jobs) as pool:
-        found = dict(zip(wanted, pool.map(one, wanted), strict=True))
-    found = {mutant: killer for mutant, killer in found.items() if killer != "not run"}
-    survivors = [m for m, killer in found.items() if killer is None and m.name not in equivalents]
+        killers = dict(zip(wanted, pool.map(run_mutant, wanted), strict=True))
+    killers = {mutant: killer for mutant, killer in killers.items() if killer != "not run"}
+    survivors = [m for m, killer in killers.items() if killer is None and m.name not in equivalents]
     print("\n".join([*(f"survivor {m.name} (line {m.line})" for m in survivors),
-                     f"{len(found)} of {len(wanted)} mutants run, {len(survivors)} survivors"]))
+                     f"{len(killers)} of {len(wanted)} mutants run, {len(survivors)} survivors"]))
     if args.page:
-        told = f"{chosen} {len(found)} were run in {sum(spent.values()):.0f} s, on {len(cases)} vectors and levels of detail."
-        args.page.write_text(page_of(found, equivalents, told), encoding="utf-8")
+        remark = f"{chosen} {len(killers)} were run in {sum(spent.values()):.0f} s, on {len(cases)} vectors and levels of detail."
+        args.page.write_text(page_of(killers, equivalents, remark), encoding="utf-8")
     return 7 if survivors else 0
 
 

@@ -79,13 +79,13 @@ def rows_of(page: str) -> dict[str, tuple[str, float]]:
     return {m[1]: (m[2], float(m[3])) for m in ROW.finditer(page)}
 
 
-def page_of(found: dict[str, Worst], pictures: list[str]) -> str:
-    """The page. found: Worst by the name of the case; pictures: files of those that were drawn."""
-    out = [HEAD.format(made=made_on()), *TABLE, *(row_of(CASES[name], worst) for name, worst in found.items()), "",
-           f"{len(found)} cases, {sum(w.trials for w in found.values()):,} trials."]
+def page_of(worst_by_case: dict[str, Worst], pictures: list[str]) -> str:
+    """The page. worst_by_case: Worst by the name of the case; pictures: files of those that were drawn."""
+    out = [HEAD.format(made=made_on()), *TABLE, *(row_of(CASES[name], worst) for name, worst in worst_by_case.items()), "",
+           f"{len(worst_by_case)} cases, {sum(w.trials for w in worst_by_case.values()):,} trials."]
     for group in GROUPS:
         rows = [f"- **{case.name}** ({case.stress}). {case.why}" for case in CASES.values()
-                if case.group == group and case.name in found]
+                if case.group == group and case.name in worst_by_case]
         out += ["", f"## {group}", "", *rows] if rows else []
         for file, (owner, text, _) in PICTURES.items():
             out += ["", f"![{text}](pictures/{file})", "", text] if rows and owner == group and file in pictures else []
@@ -195,17 +195,17 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line of the tool."""
     args = _arguments(arguments)
     rows = map(json.loads, args.state.read_text(encoding="utf-8").splitlines()) if args.state and args.state.exists() else ()
-    known, found, broken = {row.pop("case"): Worst(**row) for row in rows}, {}, []
+    known, worst_by_case, broken = {row.pop("case"): Worst(**row) for row in rows}, {}, []
     for name in args.case or CASES:
         case = CASES[name]
-        found[name] = known.get(name) or _run(case, args)
-        print(row_of(case, found[name]), flush=True)
-        if found[name].value > case.bound:
+        worst_by_case[name] = known.get(name) or _run(case, args)
+        print(row_of(case, worst_by_case[name]), flush=True)
+        if worst_by_case[name].value > case.bound:
             broken.append(name)
-            print(f"broken: {name}, answers {list(found[name].answers)}", file=sys.stderr)
+            print(f"broken: {name}, answers {list(worst_by_case[name].answers)}", file=sys.stderr)
     if args.page:
         args.page.parent.mkdir(parents=True, exist_ok=True)
-        args.page.write_text(page_of(found, draw(args.page.parent / "pictures")), encoding="utf-8")
+        args.page.write_text(page_of(worst_by_case, draw(args.page.parent / "pictures")), encoding="utf-8")
     return BROKEN if broken else 0
 
 

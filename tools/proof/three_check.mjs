@@ -4,7 +4,7 @@
 // null, "lights": [{"direction", "colour"}], "files": [{"name", "path", "cameras": name}], "cameras": {name: [{"right", "up",
 // "forward", "eye", "half", "depth"}]}}; paths are below root, where js/src stands if there are streams; "flat": streams show their base
 // colour without light. The sky's file is float32 RGBA, linear, from the nadir up. Writes
-// NAME-VIEW.rgba: colour over white, sRGB-coded, and how much of a pixel is covered, rows from below; and told.json: {"revision",
+// NAME-VIEW.rgba: colour over white, sRGB-coded, and how much of a pixel is covered, rows from below; and facts.json: {"revision",
 // "files": {name: what the file's geometries and materials have; of a stream also milliseconds to its coarse picture and the whole}}.
 
 import { readFile, writeFile } from 'node:fs/promises';
@@ -102,14 +102,14 @@ function framed(mesh) {
     material.normalMap ??= FLAT;
   }
 }
-async function streamOf(url, told) {  // the second decoding is timed: workers are up then and the module is compiled
+async function streamOf(url, facts) {  // the second decoding is timed: workers are up then and the module is compiled
   const { decode, dispose } = await import('/cache/js/src/index.js'), { disposeGroup, groupOf } = await import('/cache/js/src/three.js');
   if (model) disposeGroup(model);
   const bytes = await (await fetch(url)).arrayBuffer();
   await decode(bytes.slice());
   const begin = performance.now(), ms = () => Math.round(performance.now() - begin);
-  const asset = await decode(bytes, { onLevel: () => { told.coarse_ms ??= ms(); } });
-  told.whole_ms = ms();
+  const asset = await decode(bytes, { onLevel: () => { facts.coarse_ms ??= ms(); } });
+  facts.whole_ms = ms();
   dispose();
   if (job.flat) asset.materials.forEach((material) => { material.unlit = true; });
   return groupOf(asset);
@@ -118,22 +118,22 @@ window.load = async (file) => {
   if (model) scene.remove(model);
   const loader = new GLTFLoader().setDRACOLoader(draco).setMeshoptDecoder(MeshoptDecoder);
   const url = '/cache/' + file.split('/').map(encodeURIComponent).join('/');
-  const told = { meshes: 0, tangents: 0, normals: 0, materials: {} };
-  model = file.endsWith('.texf') ? await streamOf(url, told) : (await loader.loadAsync(url)).scene;
+  const facts = { meshes: 0, tangents: 0, normals: 0, materials: {} };
+  model = file.endsWith('.texf') ? await streamOf(url, facts) : (await loader.loadAsync(url)).scene;
   scene.add(model);
   model.traverse((mesh) => {
     if (!mesh.isMesh) return;
-    told.meshes += 1;
-    told.normals += mesh.geometry.hasAttribute('normal');
-    told.tangents += mesh.geometry.hasAttribute('tangent');
+    facts.meshes += 1;
+    facts.normals += mesh.geometry.hasAttribute('normal');
+    facts.tangents += mesh.geometry.hasAttribute('tangent');
     if (job.alike.includes('frames')) framed(mesh);
     for (const material of [mesh.material].flat()) {
       dressed(material);
       const maps = Object.keys(material).filter((key) => material[key]?.isTexture);
-      told.materials[material.name] = [material.type, ...maps].join(' ');
+      facts.materials[material.name] = [material.type, ...maps].join(' ');
     }
   });
-  return told;
+  return facts;
 };
 function cameraOf({ right, up, forward, eye, half, depth }) {
   const camera = new THREE.OrthographicCamera(-half, half, half, -half, -depth, 3 * depth);
@@ -150,8 +150,8 @@ function pixels(camera, background) {
   gl.readPixels(0, 0, job.size, job.size, gl.RGBA, gl.UNSIGNED_BYTE, data);
   return data;
 }
-window.draw = (told) => {
-  const camera = cameraOf(told), white = pixels(camera, 0xffffff), black = pixels(camera, 0);
+window.draw = (given) => {
+  const camera = cameraOf(given), white = pixels(camera, 0xffffff), black = pixels(camera, 0);
   for (let i = 0; i < white.length; i += 4) {  // what the background adds is what is not covered
     white[i + 3] = 255 - Math.max(white[i] - black[i], white[i + 1] - black[i + 1], white[i + 2] - black[i + 2]);
   }
@@ -164,18 +164,18 @@ window.draw = (told) => {
 const [list, out] = process.argv.slice(2);
 const job = JSON.parse(await readFile(list, 'utf-8'));
 await withPage(PAGE, job.root, async (browser, address) => {
-  const page = await browser.newPage(), told = { files: {} };
+  const page = await browser.newPage(), facts = { files: {} };
   page.setDefaultTimeout(SECONDS * 1000);
   page.on('console', (message) => message.type() === 'error' && console.error(message.text()));
   await page.goto(address);
   await page.waitForFunction(() => window.draw);
-  told.revision = await page.evaluate((given) => window.prepare(given), { ...job, files: undefined, cameras: undefined });
+  facts.revision = await page.evaluate((given) => window.prepare(given), { ...job, files: undefined, cameras: undefined });
   for (const { name, path: file, cameras } of job.files) {
-    told.files[name] = await page.evaluate((one) => window.load(one), file);
+    facts.files[name] = await page.evaluate((given) => window.load(given), file);
     for (const [view, camera] of job.cameras[cameras].entries()) {
-      const picture = await page.evaluate((one) => window.draw(one), camera);
+      const picture = await page.evaluate((given) => window.draw(given), camera);
       await writeFile(path.join(out, `${name}-${view}.rgba`), Buffer.from(picture, 'base64'));
     }
   }
-  await writeFile(path.join(out, 'told.json'), JSON.stringify(told));
+  await writeFile(path.join(out, 'facts.json'), JSON.stringify(facts));
 });

@@ -30,11 +30,11 @@ if not __package__:  # called as a file
 from texfcodec import decode
 from texfcodec.core.colour_error import ColourError, in_decibels
 from texfcodec.io.load import load
-from texfcodec.metrics.views import Look, renderer
+from texfcodec.metrics.views import ViewSettings, renderer
 from texfcodec.render.camera import bounding_sphere, fibonacci_direction, orthographic
 from texfcodec.render.environment import DAYLIGHT
 from texfcodec.render.shade import box_down
-from tools.proof.strangers.run import node_modules
+from tools.proof.public_models.run import node_modules
 
 PAGE, SOURCES = Path(__file__).with_suffix(".mjs"), Path(__file__).resolve().parents[2] / "js" / "src"
 ASSETS_SHOWN = ("damaged_helmet", "vintage_fan", "cat_webp", "waterbottle_pbr", "chess_board", "clearcoat_blend")
@@ -85,21 +85,21 @@ def cameras_of(scene, views, size):
     return [orthographic(fibonacci_direction(i, views), centre, radius, size) for i in range(views)]
 
 
-def told_camera(camera):
+def camera_json(camera):
     """A Camera as three_check.mjs takes it."""
     axes = {name: getattr(camera, name).tolist() for name in ("right", "up", "forward", "eye")}
     return axes | {"half": camera.half, "depth": camera.half}
 
 
-def told_lights(environment):
+def lights_json(environment):
     """Lights of an Environment as three_check.mjs takes them; three.js, too, counts irradiance."""
     lights = environment.lights if environment else ()
     return [{"direction": light.direction.tolist(), "colour": light.irradiance.tolist()} for light in lights]
 
 
-def ours(scene, cameras, look, averaged=1):
+def ours(scene, cameras, settings, averaged=1):
     """Shown by our renderer."""
-    draw, out = renderer(scene, look), Shown([], [])
+    draw, out = renderer(scene, settings), Shown([], [])
     for camera in cameras:
         picture = draw(camera)
         covered = np.zeros(camera.height * camera.width, bool)
@@ -117,11 +117,11 @@ def theirs(folder, name, views, size, averaged=1):
     return out
 
 
-def agreement(one, other):
+def agreement(first, other):
     """PSNR in dB of R, G and B together and of Y of two Shown, over the pixels of all views that both cover; the share of pixels
     covered by either that both cover; and the share that differs by more than 8 of 255."""
     error, either, far = ColourError(), 0, 0
-    for a, b, here, there in zip(one.images, other.images, one.covered, other.covered, strict=True):
+    for a, b, here, there in zip(first.images, other.images, first.covered, other.covered, strict=True):
         both = here & there
         either += int((here | there).sum())
         far += int((np.abs(a[both].astype(np.int16) - b[both]).max(axis=1) > 8).sum())
@@ -131,7 +131,7 @@ def agreement(one, other):
 
 
 def draw_theirs(subjects, cameras, environment, args):
-    """Draws the files of subjects {name: [path]} with three.js into args.out / "three"; returns what three_check.mjs told."""
+    """Draws the files of subjects {name: [path]} with three.js into args.out / "three"; returns what three_check.mjs reports."""
     modules = args.modules or node_modules(args.out)
     if modules is None or not shutil.which("node"):
         raise SystemExit("three.js cannot be had: node or npm is missing")
@@ -145,24 +145,24 @@ def draw_theirs(subjects, cameras, environment, args):
     if sky is not None:
         sky.tofile(work / "sky.f32")
     job = {"root": str(work.resolve()), "size": args.size * args.averaged, "filter": "mipmaps" if args.mipmaps else "linear",
-           "alike": args.alike, "flat": environment is None, "lights": told_lights(environment), "files": files,
+           "alike": args.alike, "flat": environment is None, "lights": lights_json(environment), "files": files,
            "sky": None if sky is None else {"width": SKY_SIZE[0], "height": SKY_SIZE[1], "file": "sky.f32"},
-           "cameras": {name: [told_camera(one) for one in views] for name, views in cameras.items()}}
+           "cameras": {name: [camera_json(camera) for camera in views] for name, views in cameras.items()}}
     (work / "job.json").write_text(json.dumps(job), encoding="utf-8")
     if subprocess.run(["node", PAGE, work.resolve() / "job.json", work.resolve()], cwd=modules, env=os.environ).returncode:
         raise SystemExit("the browser failed: no pictures")
-    return json.loads((work / "told.json").read_text(encoding="utf-8"))
+    return json.loads((work / "facts.json").read_text(encoding="utf-8"))
 
 
 def coded(names, args):
     """{name: (source, decoded)} of assets; what stands in the folder already is not coded again."""
-    found = {name: (args.assets / f"{name}.glb", args.out / f"{name}.glb") for name in names}
-    for source, mesh in found.values():
+    paths = {name: (args.assets / f"{name}.glb", args.out / f"{name}.glb") for name in names}
+    for source, mesh in paths.values():
         stream = mesh.with_suffix(".texf")
         if not mesh.exists():
             for words in (["enc", "--quiet", "--rate", args.rate, source, stream], ["dec", "--quiet", stream, mesh]):
                 subprocess.run([sys.executable, "-m", f"texfcodec.cli.{words[0]}", *words[1:]], check=True)
-    return found
+    return paths
 
 
 def keep(folder, name, shown):
@@ -170,26 +170,27 @@ def keep(folder, name, shown):
     from PIL import Image
 
     folder.mkdir(parents=True, exist_ok=True)
-    for view, row in enumerate(zip(*(one.images for one in shown), strict=True)):
+    for view, row in enumerate(zip(*(picture.images for picture in shown), strict=True)):
         Image.fromarray(np.hstack(row)).save(folder / f"{name}-{view}.png")
 
 
-def row_of(name, scenes, cameras, look, args):
+def row_of(name, scenes, cameras, settings, args):
     """(cells of the table, PSNR RGB of the renderers) of a subject of one scene or two."""
-    here = [ours(scene, cameras, look, args.averaged) for scene in scenes]
+    here = [ours(scene, cameras, settings, args.averaged) for scene in scenes]
     there = [theirs(args.out / "three", f"{name}-{number}", args.views, args.size * args.averaged, args.averaged)
              for number in range(len(scenes))]
     if args.pictures:
-        keep(args.out / "pictures", name, [one for pair in zip(here, there, strict=True) for one in pair])
+        keep(args.out / "pictures", name, [shown for pair in zip(here, there, strict=True) for shown in pair])
     both = [agreement(*pair) for pair in zip(here, there, strict=True)]
     if len(scenes) == 2:
-        one, other = (agreement(*side)[1] for side in (here, there))
-        return [name, in_decibels(one), in_decibels(other), f"{other - one:+.2f}", *(in_decibels(y) for _, y, _, _ in both),
+        source_psnr, decoded_psnr = (agreement(*side)[1] for side in (here, there))
+        return [name, in_decibels(source_psnr), in_decibels(decoded_psnr), f"{decoded_psnr - source_psnr:+.2f}",
+                *(in_decibels(y) for _, y, _, _ in both),
                 f"{100 * both[0][2]:.1f} %"], both[0][0]
     ((rgb, y, covered, far),), more = both, []
     if args.samples:
-        fine = ours(scenes[0], cameras_of(scenes[0], args.views, args.size * args.samples), look, args.samples)
-        more = [in_decibels(agreement(fine, one)[0]) for one in (here[0], there[0])]
+        fine = ours(scenes[0], cameras_of(scenes[0], args.views, args.size * args.samples), settings, args.samples)
+        more = [in_decibels(agreement(fine, sampled)[0]) for sampled in (here[0], there[0])]
     return [name, in_decibels(rgb), in_decibels(y), f"{100 * covered:.2f} %", f"{100 * far:.2f} %", *more], rgb
 
 
@@ -229,10 +230,10 @@ def main(arguments=None):
     subjects |= {f"{n}-{pair[0].stem}": tuple(pair) for n, pair in enumerate(args.pair)}
     subjects |= coded(args.only or ASSETS_SHOWN, args) if args.assets else {}
     scenes = {name: [(decode if path.suffix == ".texf" else load)(path) for path in paths] for name, paths in subjects.items()}
-    cameras = {name: cameras_of(found[0], args.views, args.size * args.averaged) for name, found in scenes.items()}
+    cameras = {name: cameras_of(pair[0], args.views, args.size * args.averaged) for name, pair in scenes.items()}
     environment = light_of(args.light)
-    told, missed = draw_theirs(subjects, cameras, environment, args), False
-    print(f"three.js r{told['revision']}, {args.light}, alike: {' '.join(args.alike) or 'nothing'}, {args.views} views of "
+    answer, missed = draw_theirs(subjects, cameras, environment, args), False
+    print(f"three.js r{answer['revision']}, {args.light}, alike: {' '.join(args.alike) or 'nothing'}, {args.views} views of "
           f"{args.size}, {args.averaged} x {args.averaged} samples")
     fine = [f"ours to {args.samples} x {args.samples} samples", "three.js to them"] if args.samples else []
     streams = ["stream", "PSNR RGB", "PSNR Y", "covered by both", "far off", *fine]
@@ -240,7 +241,8 @@ def main(arguments=None):
         names = [name for name, paths in subjects.items() if len(paths) == count]
         print(*([f"\n| {' | '.join(head)} |\n|---|{'---:|' * (len(head) - 1)}"] if names else []), sep="\n")
         for name in names:
-            cells, rgb = row_of(name, scenes[name], cameras[name], Look(environment=environment, mipmaps=args.mipmaps), args)
+            settings = ViewSettings(environment=environment, mipmaps=args.mipmaps)
+            cells, rgb = row_of(name, scenes[name], cameras[name], settings, args)
             missed |= count == 1 and rgb < args.least
             print(f"| {' | '.join(cells)} |", flush=True)
     return 7 if missed else 0

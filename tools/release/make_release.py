@@ -49,21 +49,21 @@ def make(commit: str, seconds: int, work: Path, out: Path, *, with_npm: bool) ->
         _say(f"sdist and wheel, {number + 1} of 2")
         _build(copy, work / "python" / str(number), seconds)
     built = [sorted((work / "python" / str(number)).iterdir()) for number in range(2)]
-    made = _keep_what_is_the_same(built, out)
-    wheel = next(path for path in made if path.suffix == ".whl")
+    archives = _keep_what_is_the_same(built, out)
+    wheel = next(path for path in archives if path.suffix == ".whl")
     _check_wheel(wheel, commit)
     _say("twine check")
-    print(run(sys.executable, "-m", "twine", "--no-color", "check", "--strict", *made).decode(), end="", file=sys.stderr)
+    print(run(sys.executable, "-m", "twine", "--no-color", "check", "--strict", *archives).decode(), end="", file=sys.stderr)
     if with_npm:
         _say("npm package, 2 times, and a try of it")
         packed = _keep_what_is_the_same([[path] for path in pack(copies, work / "npm")], out)
         try_package(packed[0], work / "npm_try")
-        made += packed
+        archives += packed
     _say("list of parts, of an environment with the wheel")
     parts = out / f"{wheel.name.rsplit('-', 3)[0]}.cdx.json"
     parts.write_text(list_of_parts(environment_of(wheel, work / "environment"), copies[0] / "pyproject.toml", seconds),
                      encoding="utf-8")
-    _write_sums([*made, parts], out / "SHA256SUMS")
+    _write_sums([*archives, parts], out / "SHA256SUMS")
 
 
 def _say(line):
@@ -83,10 +83,10 @@ def _keep_what_is_the_same(built, out):
     first, second = built
     if [path.name for path in first] != [path.name for path in second]:
         raise SystemExit(f"two builds made different files: {first} and {second}")
-    for one, other in zip(first, second, strict=True):
-        if one.read_bytes() != other.read_bytes():
-            raise SystemExit(f"two builds of {one.name} have different bytes")
-        print(f"{one.name}: twice {hashlib.sha256(one.read_bytes()).hexdigest()}", file=sys.stderr)
+    for built_once, other in zip(first, second, strict=True):
+        if built_once.read_bytes() != other.read_bytes():
+            raise SystemExit(f"two builds of {built_once.name} have different bytes")
+        print(f"{built_once.name}: twice {hashlib.sha256(built_once.read_bytes()).hexdigest()}", file=sys.stderr)
     return [Path(shutil.move(path, out / path.name)) for path in first]
 
 

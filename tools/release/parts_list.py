@@ -38,9 +38,9 @@ def environment_of(wheel: Path, folder: Path) -> Path:
 
 def list_of_parts(python: Path, pyproject: Path, seconds: int) -> str:
     """The list as JSON, its time that of the commit, valid by CycloneDX's own schema. SystemExit where it is not."""
-    made = run(sys.executable, "-m", "cyclonedx_py", "environment", "--output-reproducible", "--spec-version", "1.6",
-               "--pyproject", pyproject, "--mc-type", "library", python, SOURCE_DATE_EPOCH=str(seconds))
-    parts = json.loads(made)
+    parts_json = run(sys.executable, "-m", "cyclonedx_py", "environment", "--output-reproducible", "--spec-version", "1.6",
+                     "--pyproject", pyproject, "--mc-type", "library", python, SOURCE_DATE_EPOCH=str(seconds))
+    parts = json.loads(parts_json)
     parts["components"] += PARTS_BUNDLED
     text = json.dumps(parts, indent=2) + "\n"
     _check(text)

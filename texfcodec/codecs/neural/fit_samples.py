@@ -98,7 +98,7 @@ class Source:
         return self.at(*sample_surface(self.lattice, self.faces, count, seed, self.areas), self.threads)
 
     def draw_busy(self, count: int, seed: Sequence[int]) -> Samples:
-        """As draw, but denser where values vary. The samples' shares compensate for that on average."""
+        """Draw samples as draw() does, but denser where values vary. The samples' shares compensate for that on average."""
         chunks = max(1, -(-count * CANDIDATES // CHUNK))
 
         def chunk(k):

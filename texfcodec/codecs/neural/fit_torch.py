@@ -32,7 +32,7 @@ GRADIENT_TOLERANCE, MOVE_TOLERANCE = 2e-2, 1e-3  # relative distance of the fuse
 
 
 def cuda_is_there() -> bool:
-    """Whether torch is installed and detects a GPU."""
+    """Return whether torch is installed and detects a GPU."""
     try:
         import torch
     except ImportError:
@@ -78,9 +78,9 @@ class State:
 
 
 class TorchFit(Fit):
-    """As Fit. device: "cuda" or "cpu"; step: "auto", "fused" or "plain"; products: "float16", "tf32" or "float32" of the fused
-    step, or "auto"; block: samples per program of the fused step, 0 to derive it from the batch. remarks: sentences on what could
-    not be used. Raises InputError TXF-I56 if torch is not installed."""
+    """Fit on a GPU, or by PyTorch on the processor. device: "cuda" or "cpu"; step: "auto", "fused" or "plain"; products:
+    "float16", "tf32" or "float32" of the fused step, or "auto"; block: samples per program of the fused step, 0 to derive it from
+    the batch. remarks: sentences on what could not be used. Raises InputError TXF-I56 if torch is not installed."""
 
     def __init__(self, *arguments: Any, device: str | None = None, step: str = "auto", products: str = "auto",
                  batch: int | None = None, block: int = 0, **named: Any) -> None:
@@ -126,7 +126,7 @@ class TorchFit(Fit):
         return self.torch.as_tensor(np.ascontiguousarray(array), device=self.device)
 
     def _arrange(self, samples, batch):
-        """As Fit._arrange, on the GPU if there is one."""
+        """Arrange as Fit._arrange does, on the GPU if there is one."""
         if self.device.type not in SORTING:
             super()._arrange(samples, batch)
             s = self.samples
@@ -380,7 +380,7 @@ class TorchFit(Fit):
                 self.graph = self._record() or ()
 
     def _take_steps(self, until, steps, pool):
-        """As Fit._take_steps, on the device; the host waits once, at the end."""
+        """Take steps as Fit._take_steps does, on the device; the host waits once, at the end."""
         self.warm(steps)
         with self.torch.no_grad():
             s, begin = self.state, self.step
@@ -395,11 +395,11 @@ class TorchFit(Fit):
             return s.errors[begin:until].cpu().numpy().tolist()
 
     def _one_step(self, steps, pool):
-        """As Fit._one_step."""
+        """See Fit._one_step."""
         return self._take_steps(self.step + 1, steps, pool)[0]
 
     def answers(self, samples: Samples, cells: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """As Fit.answers; at the held-out points it runs on the device."""
+        """See Fit.answers; at the held-out points it runs on the device."""
         if samples is not self.held_out or self.device.type not in SORTING:
             return super().answers(samples, cells)
         with self.torch.no_grad():

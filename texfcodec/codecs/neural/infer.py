@@ -262,13 +262,13 @@ def infer(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray
 
 
 def answer(cube: CanonicalCube, points: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray:
-    """As infer_values(), at world points float64 [M, 3]; points outside the CanonicalCube are moved to its border."""
+    """Values at world points float64 [M, 3], as of infer_values(); points outside the CanonicalCube are moved to its border."""
     low, high = np.array(cube.origin) - cube.side, np.array(cube.origin) + 2 * cube.side  # further out is on the border anyway
     return infer_values(cube_positions(cube.to_grid(np.clip(points, low, high), 1 << POSITION_BITS)), tables, threads)
 
 
 def infer_values(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray:
-    """As infer(), on the scale 0..255: float32 [M, C]."""
+    """Values of infer() on the scale 0..255: float32 [M, C]."""
     return infer(positions, tables, threads) * np.float32(1 / (1 << VALUE_BITS))
 
 

@@ -37,7 +37,7 @@ class Neural(JointCodec):
         return NeuralOptions(**{option.name: getattr(options, option.name) for option in fields(NeuralOptions)})
 
     def check_options(self, options: EncodeOptions) -> None:
-        """As Codec.check_options."""
+        """See Codec.check_options."""
         if options.refine == "fit":
             raise InputError("TXF-I50", "refine fit does not apply to codec 3dntc; choose auto, off or "
                                         "render", value=options.refine)
@@ -56,7 +56,7 @@ class Neural(JointCodec):
         return options.steps * 6e-3
 
     def enc(self, source: Source, options: NeuralOptions, report: Report) -> Joint:
-        """As JointCodec.enc; the choices are "resident" (bytes on the GPU), "fit" (the log) and "refinement"."""
+        """See JointCodec.enc; the choices are "resident" (bytes on the GPU), "fit" (the log) and "refinement"."""
         from .fit_payload import fit_payload
         from .payload import payload_values
 
@@ -64,7 +64,7 @@ class Neural(JointCodec):
         return Joint(payload_values(payload, FORM_TRANSPORT if options.transport else FORM_RESIDENT), tables, choices)
 
     def count_samples(self, values: dict, surfaces: list[LatticeMesh], position_bits: int) -> int:
-        """As JointCodec.count_samples: the samples for the voxels of latents (11.3)."""
+        """Count the samples for the voxels of latents (11.3). See JointCodec.count_samples."""
         from ...field.voxelise import count_samples
 
         grids = [level["level_resolution"] for level in values["latent_levels"] if level["table_log2"] == 0]
@@ -76,7 +76,7 @@ class Neural(JointCodec):
 
     def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
             options: DecodeOptions, report: Report) -> list[Evaluator]:
-        """As JointCodec.dec: payload.Tables."""
+        """Return payload.Tables. See JointCodec.dec."""
         from .payload import Tables, payload_of, take_codes
 
         payload = payload_of(values, options.limits)
@@ -108,7 +108,7 @@ class Neural(JointCodec):
         return {"neural": neural}
 
     def info_lines(self, group: dict) -> Iterator[str]:
-        """As Codec.info_lines."""
+        """See Codec.info_lines."""
         neural = group["neural"]
         levels = ", ".join(f"{level['rows']} rows at {level['resolution']}" + (" (hashed)" if level["table_log2"] else "")
                            for level in neural["levels"])
@@ -117,7 +117,8 @@ class Neural(JointCodec):
                + f"; on a GPU {neural['latent_bytes'] + neural['network_bytes']} bytes and an index")
 
     def pack(self, evaluators: list) -> tuple[dict, dict]:
-        """As JointCodec.pack: neural_parameters in the resident form, and the voxels of the levels that are not hashed."""
+        """Return neural_parameters in the resident form, and the voxels of the levels that are not hashed. See
+        JointCodec.pack."""
         from .payload import payload_values
 
         payload = evaluators[0].payload
@@ -127,7 +128,7 @@ class Neural(JointCodec):
                     "latent_keys": np.concatenate([np.zeros(0, np.int64), *keys])}
 
     def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list[Evaluator]:
-        """As JointCodec.unpack; the payload is checked as in a stream."""
+        """See JointCodec.unpack; the payload is checked as in a stream."""
         from .payload import Tables, payload_of, take_codes
 
         data = np.ascontiguousarray(arrays["neural"], np.uint8).tobytes()
@@ -142,7 +143,7 @@ class Neural(JointCodec):
         return [Tables(payload, number, keys) for number, keys in enumerate(grids)]
 
     def result_lines(self, facts: dict) -> Iterator[str]:
-        """As JointCodec.result_lines."""
+        """See JointCodec.result_lines."""
         from ...core.colour_error import in_decibels
 
         kept, fit, refinement = facts["resident"], facts["fit"], facts["refinement"]

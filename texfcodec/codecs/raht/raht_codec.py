@@ -120,7 +120,7 @@ class Raht(PlaneCodec):
                 "slice_level": values["slice_level"], "level_bytes": _level_bytes(values)}
 
     def info_lines(self, group: dict) -> Iterator[str]:
-        """As Codec.info_lines."""
+        """See Codec.info_lines."""
         yield (f"field {group['field_index']}, group {group['group_index']} ({group['semantic']}): {group['bytes']} bytes, "
                f"qp {group['qp']}, {len(group['codeword_bytes'])} codewords")
         if group["level_bytes"] is not None:

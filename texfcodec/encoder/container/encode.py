@@ -39,8 +39,21 @@ Code = "Callable[[Scene, EncodeOptions, Report], Encoded]"
 
 @dataclass(kw_only=True)
 class EncodedContainer:
-    """A coded glTF file and its report. data: the GLB; streams: Encoded of each stream; sizes: bytes of "streams" and of
-    "other", all else; warnings, dropped, remarks: as of Encoded."""
+    """A coded glTF file and its report.
+
+    Attributes
+    ----------
+    data : bytes
+        The GLB.
+    streams : list of Encoded
+        Its streams, in order.
+    sizes : dict
+        Bytes of the "streams" and of all else, "other".
+    warnings, dropped : list of str
+        Changes of the picture in sentences, and names of what is not coded.
+    remarks : list of str
+        Sentences on what changes no picture.
+    """
 
     data: bytes
     streams: list[Encoded]

@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import LimitError, TexfError
 from ...io.container.references import texture_infos
 from ...io.gltf.carried import EXTENSION
-from ...io.gltf.material import read_look, read_material, slot_of
+from ...io.gltf.material import read_material, read_material_fields, slot_of
 from ...io.gltf.mesh import VARIANTS, MeshReader
 from ...io.gltf.properties import extensions, is_index
 from ...io.gltf.reader import local_matrix, references
@@ -26,6 +26,7 @@ from ...scene.scene import Material
 
 if TYPE_CHECKING:
     from ...io.gltf.document import Document
+    from ...io.gltf.material import MaterialFields
     from ...io.parts import Part
 
 _SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
@@ -82,11 +83,12 @@ class Plan:
 
 def plan_of(document: Document) -> Plan:
     """Return the Plan of a file. Raises InputError, LimitError, SupportError."""
-    notes, remarks = document.notes, []
-    shelf, looks = TextureShelf(notes), {}
-    reader = MeshReader(document, lambda material: looks.setdefault(material, read_look(document, material)))
+    notes, shelf = document.notes, TextureShelf(document.notes)
+    remarks: list[str] = []
+    fields: dict[int | None, MaterialFields] = {}
+    reader = MeshReader(document, lambda material: fields.setdefault(material, read_material_fields(document, material)))
     parts, idle = _read_parts(document, reader, remarks)
-    materials = {material: read_material(document, material, read_look(document, material), shelf)
+    materials = {material: read_material(document, material, read_material_fields(document, material), shelf)
                  for material in dict.fromkeys(part.material for part in parts)}
     pinned = _pinned_materials(document, idle)
     slots = {number: () if number in pinned else _channels(material) for number, material in materials.items()}

@@ -145,7 +145,7 @@ class PictureComparison:
 
     @cached_property
     def is_flat(self) -> bool:
-        """Whether the file's normals are closer to face normals than to smooth ones."""
+        """True if the file's normals are closer to face normals than to smooth ones."""
         if self.scene.corner_normal is None:
             return False
         apart = [np.square(self._of_source(rule) - self.scene.corner_normal).sum() for rule in (FLAT, SMOOTH)]

@@ -24,7 +24,7 @@ NEAR, FAR = 3, 2 * MAX_FIELDS  # a piece meets so many of those after it in a ce
 
 @dataclass
 class Contacts:
-    """Which labels meet in which cells. component: int64 [F]; direction: int64 [F], 0..5 for +x -x +y -y +z -z; cell, label:
+    """Labels that meet in the cells. component: int64 [F]; direction: int64 [F], 0..5 for +x -x +y -y +z -z; cell, label:
     parallel int64 arrays, ascending by cell, one entry per cell and label = component * 6 + direction."""
 
     component: np.ndarray

@@ -20,7 +20,7 @@ from .partition_error import codes_alpha, uncoded_errors
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...scene.scene import Scene
-    from ..fee import Lagrangian
+    from ..price import Lagrangian
 
 FIELD_BYTES = 300  # of a further field: about 150 of its own, and as many for 0.1 to 0.4 % more voxels
 SURE_TIMES = 6.0  # what fields cost that half the resolution settles the question

@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import InputError
 from ...field.extents import MAX_SIDE
 from ...field.morton import decode_morton
-from ...field.texel_set import MAX_UV, asked_texels, count_rows
+from ...field.texel_set import MAX_UV, count_rows, referenced_texels
 from ...geometry.draco import MAX_UV_BITS
 from ...scene.channels import BY_NAME, COLOURS, MAPS, binary32
 from ...scene.effects import BY_NAME as EFFECT_BY_NAME
@@ -203,7 +203,7 @@ def shown_texels(uv: np.ndarray, texture: Texture, fraction_bits: int = 0) -> np
     steps, corners = np.floor(steps + 0.5).astype(np.int64).reshape(-1, 2), np.arange(3 * len(uv)).reshape(-1, 3)
     if count_rows(steps, corners, fraction_bits) > MOST_ROWS:
         return None
-    return decode_morton(asked_texels(steps, corners, fraction_bits, (width, height), tuple(texture.wrap)))[:, :2]
+    return decode_morton(referenced_texels(steps, corners, fraction_bits, (width, height), tuple(texture.wrap)))[:, :2]
 
 
 def _one_value(values):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...field.texel_set import asked_texels
+from ...field.texel_set import referenced_texels
 from ...geometry.areas import face_areas
 from ...geometry.tangents import corner_tangents
 from ...render.tangent_frames import tangent_space_normals
@@ -25,9 +25,9 @@ from ...scene.fetch import values_of_map
 from ..decision import Decision
 from ..prepare.channel_weights import shown_of_radians
 from ..supports.texel_plan import TexelPlan, wrapped
-from ..values.shown_maps import NORMAL, Frames, turn_of
+from ..values.shown_maps import NORMAL, Frames, frame_rotation
 from .normal_rules import ENOUGH, POINTS, quantiles, tolerance_of
-from .rotated_normal_map import mean_matrices, turned_texels
+from .rotated_normal_map import mean_matrices, rotate_normal_map
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
@@ -153,7 +153,7 @@ def _best(frames, mapped, price):
 def _texels(plan):
     """Return the number of texels that the faces of a plan cover."""
     uv = plan.corner_uv().reshape(-1, 2)
-    return len(asked_texels(uv, np.arange(len(uv)).reshape(-1, 3), plan.fraction_bits, plan.size, plan.group.wrap))
+    return len(referenced_texels(uv, np.arange(len(uv)).reshape(-1, 3), plan.fraction_bits, plan.size, plan.group.wrap))
 
 
 def _judged(plans, bent, qp):
@@ -182,9 +182,9 @@ def _mapped(frames, plan):
         return None
     faces, rebuilt = group.faces[chosen], frames.rebuilt[group.faces[chosen]]
     tangents = corner_tangents(surface.lattice.astype(np.float64), surface.faces[faces], plan.corner_uv()[chosen], rebuilt)
-    decoder, turn = _axes(tangents, rebuilt), turn_of(scene, surface, group.faces)
-    if turn is not None:
-        decoder[..., :2] = decoder[..., :2] @ turn.astype(np.float32)
+    decoder, rotation = _axes(tangents, rebuilt), frame_rotation(scene, surface, group.faces)
+    if rotation is not None:
+        decoder[..., :2] = decoder[..., :2] @ rotation.astype(np.float32)
     source = _axes(frames.tangent(NORMAL)[faces], frames.normal[faces])
     area = face_areas(surface.lattice, surface.faces[faces])
     return _Mapped(plan, faces, group.uv[chosen], area, source, decoder) if area.any() else None
@@ -268,7 +268,7 @@ def _turned(frames, mapped):
         texels, matrices = mean_matrices(parts, others, np.array(size) / group.size, size, group.wrap)
         scale = float(np.average(_scale(frames, name, mapped.faces[off]), weights=mapped.area[off]))
         flat = image.reshape(-1, image.shape[2])
-        flat[texels, :3] = turned_texels(values_of_map(name, flat[texels]), matrices, scale)
+        flat[texels, :3] = rotate_normal_map(values_of_map(name, flat[texels]), matrices, scale)
         maps[name], changed = image, changed + len(texels)
     return replace(mapped.plan, group=replace(group, maps=maps)), changed
 

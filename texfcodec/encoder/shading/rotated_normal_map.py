@@ -40,7 +40,7 @@ def mean_matrices(off: tuple[np.ndarray, np.ndarray, np.ndarray], others: tuple[
     return means.texel, (share * means.mean + (1 - share) * np.eye(3).ravel()).reshape(-1, 3, 3)
 
 
-def turned_texels(texels: np.ndarray, matrices: np.ndarray, scale: float) -> np.ndarray:
+def rotate_normal_map(texels: np.ndarray, matrices: np.ndarray, scale: float) -> np.ndarray:
     """Return tangent-space normals in other frames.
 
     Parameters

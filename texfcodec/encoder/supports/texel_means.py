@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.kernel import kernel
 from ...field.morton import decode_morton
-from ...field.texel_set import _edge_columns, _rows_of, asked_texels
+from ...field.texel_set import _edge_columns, _rows_of, referenced_texels
 from ...scene.fetch import _wrapped
 from ...scene.scene import WRAP_CLAMP
 
@@ -92,7 +92,8 @@ def texel_means(uv: np.ndarray, values: np.ndarray, area: np.ndarray, fraction_b
     texels = _areas(uv) / 4.0**fraction_bits
     if texels.sum() > MOST_VISITS:
         return TexelMeans(np.zeros(0, np.int64), np.zeros((0, columns)), np.zeros((0, columns)), np.zeros(0))
-    referenced = decode_morton(asked_texels(uv.reshape(-1, 2), np.arange(3 * len(uv)).reshape(-1, 3), fraction_bits, size, wrap))
+    faces = np.arange(3 * len(uv)).reshape(-1, 3)
+    referenced = decode_morton(referenced_texels(uv.reshape(-1, 2), faces, fraction_bits, size, wrap))
     flat = referenced[:, 1].astype(np.int64) * size[0] + referenced[:, 0]
     rank = np.full((size[1], size[0]), -1, np.int32)
     rank.reshape(-1)[flat] = np.arange(len(flat), dtype=np.int32)

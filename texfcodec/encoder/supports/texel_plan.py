@@ -9,14 +9,14 @@ import numpy as np
 
 from ...bitstream.syntax import MAX_UV_ORIGIN
 from ...errors import LimitError
-from ...field.texel_set import asked_texels, count_rows, shown_area
+from ...field.texel_set import count_rows, referenced_texels, shown_area
 from ...field.texels import TexelSupport
 from ...geometry.areas import face_areas
 from ...geometry.draco import MAX_UV_BITS
 from ...scene.channels import BY_NAME
 from ...scene.fetch import values_of_map
 from ...scene.scene import WRAP_CLAMP, WRAP_REPEAT
-from ..values.shown_maps import turn_of, turned
+from ..values.shown_maps import frame_rotation, rotate_xy
 from ..values.source_field import SourceField, colour_planes
 from .resample import resampled
 
@@ -120,7 +120,7 @@ def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows
     rows = count_rows(uv, faces, plan.fraction_bits)
     if most_rows is not None and rows > most_rows:
         raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows, allowed=most_rows)
-    return asked_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, most)
+    return referenced_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, most)
 
 
 def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Source, limits: Limits, threads: int) -> SourceField:
@@ -130,9 +130,9 @@ def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Sour
                            fraction_bits=plan.fraction_bits)
     planes, shifts = colour_planes(plan.values(source.surface, support.xy(), threads), source), {}
     normals = [name for name in plan.group.maps if BY_NAME[name].unit == "degrees"]
-    turn = turn_of(source.scene, source.surface, plan.group.faces) if normals else None
+    rotation = frame_rotation(source.scene, source.surface, plan.group.faces) if normals else None
     for name in plan.group.maps:
         values, shifts[name] = plan.values_of_map(name, source.surface, support, threads)
-        planes[name] = turned(values, turn) if name in normals else values
+        planes[name] = rotate_xy(values, rotation) if name in normals else values
     return SourceField(support, 0, planes, shifts, exact=plan.group.palette, nearest=plan.group.nearest,
                        qp_offset=plan.qp_offset)

@@ -45,7 +45,7 @@ class Coder:
 
     @property
     def has_fractions(self) -> bool:
-        """Whether there are qualities between two QPs."""
+        """True if there are qualities between two QPs."""
         return hasattr(self.settings, "qp_fraction")
 
     def between(self, qp: float) -> Coder:
@@ -85,7 +85,7 @@ class Coder:
         return self.at(qp=qp, chroma_qp_offset=round(steps[-1] - steps[0]))
 
     def code(self, plane: np.ndarray, support: VoxelSupport | TexelSupport) -> tuple[dict, np.ndarray]:
-        """As PlaneCodec.enc."""
+        """See PlaneCodec.enc."""
         return self.codec.enc(plane, support, self.settings)
 
     def size(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, variables: dict) -> tuple[int, np.ndarray]:

@@ -25,7 +25,7 @@ OPAQUE = 127  # pixels of less alpha are left out
 
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
-    """How long a refinement runs, and on which pictures. views: pictures of an iteration; size: pixels a side; seed: of the
+    """Length of a refinement, and its pictures. views: pictures of an iteration; size: pixels a side; seed: of the
     views."""
 
     iterations: int = ITERATIONS

@@ -26,12 +26,12 @@ ACROSS = 6  # steps over a face whose map is folded into its normals
 LEAST_LENGTH = 1e-3  # of a sum of normals that has a direction
 
 
-def turned(values: np.ndarray, turn: np.ndarray | None) -> np.ndarray:
-    """Return x and y of tangent-space normals, float32 [N, 2] in 0..255, in another frame. turn: of turn_of()."""
-    return values if turn is None else ((values / FLAT - 1) @ turn.T.astype(np.float32) + 1) * np.float32(FLAT)
+def rotate_xy(values: np.ndarray, rotation: np.ndarray | None) -> np.ndarray:
+    """Return x and y of tangent-space normals, float32 [N, 2] in 0..255, in another frame. rotation: of frame_rotation()."""
+    return values if rotation is None else ((values / FLAT - 1) @ rotation.T.astype(np.float32) + 1) * np.float32(FLAT)
 
 
-def turn_of(scene: Scene, surface: Surface, faces: np.ndarray) -> np.ndarray | None:
+def frame_rotation(scene: Scene, surface: Surface, faces: np.ndarray) -> np.ndarray | None:
     """Return the rotation from the frame of the source's own tangents to the frame of its UVs, which a decoder uses: an
     orthogonal matrix float64 [2, 2] for x and y of a normal map, the best one for the surface of faces, int64 [F]; None if they
     are the same, or nothing is known. They differ in files whose tangents were computed for v upwards, or before a texture
@@ -47,8 +47,8 @@ def turn_of(scene: Scene, surface: Surface, faces: np.ndarray) -> np.ndarray | N
     frames = [(t[:, :3], np.cross(normal, t[:, :3]) * np.sign(t[:, 3:])) for t in (tangents, tangent)]
     lies = np.array([[(area * (a * b).sum(axis=1)).sum() for b in frames[1]] for a in frames[0]])
     left, _, right = np.linalg.svd(lies)
-    turn = left @ right
-    return None if np.abs(turn - np.eye(2)).max() <= SAME_FRAME else turn
+    rotation = left @ right
+    return None if np.abs(rotation - np.eye(2)).max() <= SAME_FRAME else rotation
 
 
 class Frames:

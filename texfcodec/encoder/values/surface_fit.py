@@ -55,7 +55,7 @@ class FieldSurface:
 
     @property
     def has_area(self) -> bool:
-        """Whether there is a point to sample: faces whose corners lie on a line are kept, but have no area."""
+        """True if there is a point to sample: faces whose corners lie on a line are kept, but have no area."""
         return bool(relative_areas(self.lattice, self.faces).any())
 
     def sample(self, count: int, seed: int, threads: int) -> tuple[np.ndarray, np.ndarray]:

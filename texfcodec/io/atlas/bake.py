@@ -10,8 +10,8 @@ import numpy as np
 from ...errors import InputError
 from ...scene.scene import ALPHA_OPAQUE
 from ...scene.srgb import to_bytes
-from .gaps import fill_gaps
-from .gutters import continue_over_borders
+from .chart_padding import continue_over_borders
+from .fill_uncovered import fill_uncovered
 from .system import AtlasSystem
 from .unwrap import Atlas, make_atlas
 
@@ -57,7 +57,7 @@ def _bake_opaque(texf, chosen, system, image):
     image[..., 3] = 255
     values = system.fitted(lambda points, face: texf.query(points, chosen[face])[:, :3], 3, threads=texf.threads)
     image[system.covered, :3] = to_bytes(values)
-    fill_gaps(image[..., :3], system.covered | continue_over_borders(image[..., :3], system))
+    fill_uncovered(image[..., :3], system.covered | continue_over_borders(image[..., :3], system))
 
 
 def _bake_blended(texf, chosen, system, image):
@@ -74,8 +74,8 @@ def _bake_blended(texf, chosen, system, image):
     known = system.covered.copy()
     known[known] = (alpha[:, 0] >= 0.5) | ~sees_alpha[system.owner[known]]
     beyond = continue_over_borders(image, system)
-    fill_gaps(image[..., 3:], system.covered | beyond)
-    fill_gaps(image[..., :3], known | (beyond & (image[..., 3] > 0)))
+    fill_uncovered(image[..., 3:], system.covered | beyond)
+    fill_uncovered(image[..., :3], known | (beyond & (image[..., 3] > 0)))
 
 
 def _check_atlas(atlas, count):

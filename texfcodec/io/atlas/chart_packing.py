@@ -1,7 +1,7 @@
 """Packing charts into a square: tallest first, each dropped onto the skyline of those before it (Levy et al. 2002, LSCM).
 
-A chart rests on the skyline with its lower outline, not with its box. All outlines are widened by the gutter, so that no two
-charts come closer than twice the gutter. Long lists end in a sweep instead of a search, which keeps the work linear.
+A chart rests on the skyline with its lower outline, not with its box. All outlines are widened by the padding, so that no two
+charts come closer than twice the padding. Long lists end in a sweep instead of a search, which keeps the work linear.
 """
 
 import math
@@ -39,11 +39,11 @@ def upright(flat: np.ndarray, chart: np.ndarray, count: int) -> tuple[np.ndarray
 
 
 def pack_charts(flat: np.ndarray, chart: np.ndarray, extent: np.ndarray, side: int,
-                gutter: int) -> tuple[np.ndarray | None, float]:
+                padding: int) -> tuple[np.ndarray | None, float]:
     """Place upright charts in a side x side square at the largest common scale that fits (charts wider than it shrink alone).
 
-    flat, chart, extent: as upright() returns them; side, gutter: texels. Returns (flat float64 [F, 3, 2] in texels of the
-    square, scale), or (None, 0.0) when the gutters alone leave no room.
+    flat, chart, extent: as upright() returns them; side, padding: texels. Returns (flat float64 [F, 3, 2] in texels of the
+    square, scale), or (None, 0.0) when the padding alone leaves no room.
     """
     count = len(extent)
     faces = np.argsort(chart, kind="stable")
@@ -54,9 +54,9 @@ def pack_charts(flat: np.ndarray, chart: np.ndarray, extent: np.ndarray, side: i
     best, best_scale = None, 0.0
     ceiling, floor = math.inf, 0.0
     for _ in range(_TRIALS):
-        own = np.minimum(scale, (side - 2 * gutter - 2) / np.maximum(extent.max(1), 1e-300))
+        own = np.minimum(scale, (side - 2 * padding - 2) / np.maximum(extent.max(1), 1e-300))
         place, half_turn = np.zeros((2, len(order), 2), np.int64)
-        used = _pack(flat, faces, start, order, extent, own, side, gutter, place, half_turn)
+        used = _pack(flat, faces, start, order, extent, own, side, padding, place, half_turn)
         if used <= side:
             best, best_scale, floor = (place, half_turn, own), scale, scale
             if used > 0.97 * side or (own < scale).all():
@@ -68,7 +68,7 @@ def pack_charts(flat: np.ndarray, chart: np.ndarray, extent: np.ndarray, side: i
         return None, 0.0
     place, half_turn, own = best
     sign = np.where((half_turn > 0).any(1), -1, 1)[:, None]  # a turned chart is measured from the far corner of its texel box
-    origin = place + half_turn + sign * gutter
+    origin = place + half_turn + sign * padding
     return flat * (sign * own[:, None])[chart, None, :] + origin[chart, None, :], best_scale
 
 
@@ -103,8 +103,8 @@ def _boxes(flat, chart, cos, sin, box):
 
 
 @kernel
-def _outline(flat, members, scale, gutter, low, high):
-    """Write the lowest and highest texel row of each texel column of a chart's faces, widened by the gutter; returns the width.
+def _outline(flat, members, scale, padding, low, high):
+    """Write the lowest and highest texel row of each texel column of a chart's faces, widened by the padding; returns the width.
 
     low, high: int64 [>= width], overwritten; columns without a face keep low > high.
     """
@@ -112,17 +112,17 @@ def _outline(flat, members, scale, gutter, low, high):
     for col in range(len(low)):  # numba takes longer to compile what fills a slice
         low[col], high[col] = len(low) * 4, -1
     for f in members:
-        ax, ay = flat[f, 0, 0] * scale + gutter, flat[f, 0, 1] * scale + gutter
-        bx, by = flat[f, 1, 0] * scale + gutter, flat[f, 1, 1] * scale + gutter
-        cx, cy = flat[f, 2, 0] * scale + gutter, flat[f, 2, 1] * scale + gutter
-        first = max(math.ceil(min(ax, bx, cx) - gutter - 0.5), 0)
-        last = min(math.floor(max(ax, bx, cx) + gutter - 0.5), len(low) - 1)
+        ax, ay = flat[f, 0, 0] * scale + padding, flat[f, 0, 1] * scale + padding
+        bx, by = flat[f, 1, 0] * scale + padding, flat[f, 1, 1] * scale + padding
+        cx, cy = flat[f, 2, 0] * scale + padding, flat[f, 2, 1] * scale + padding
+        first = max(math.ceil(min(ax, bx, cx) - padding - 0.5), 0)
+        last = min(math.floor(max(ax, bx, cx) + padding - 0.5), len(low) - 1)
         width = max(width, last + 1)
         for col in range(first, last + 1):
-            bottom, top = span_in_band(ay, ax, by, bx, cy, cx, col + 0.5 - gutter, col + 0.5 + gutter)
+            bottom, top = span_in_band(ay, ax, by, bx, cy, cx, col + 0.5 - padding, col + 0.5 + padding)
             if bottom <= top:
-                low[col] = min(low[col], max(math.ceil(bottom - gutter - 0.5), 0))
-                high[col] = max(high[col], math.floor(top + gutter - 0.5))
+                low[col] = min(low[col], max(math.ceil(bottom - padding - 0.5), 0))
+                high[col] = max(high[col], math.floor(top + padding - 0.5))
     return width
 
 
@@ -172,19 +172,19 @@ def _lay(skyline, low, high, width, x, row):
 
 
 @kernel(allocates=True)
-def _pack(flat, faces, start, order, extent, scales, side, gutter, place, half_turn):
+def _pack(flat, faces, start, order, extent, scales, side, padding, place, half_turn):
     """Place every chart in order, giving up once the height exceeds four sides; returns the height.
 
     Writes place int64 [n, 2] and half_turn int64 [n, 2]: the texel box of charts placed upside down; zeros stay for the others.
-    Bounds: width <= side because scales limit every extent to side - 2 gutter - 2.
+    Bounds: width <= side because scales limit every extent to side - 2 padding - 2.
     """
     skyline = np.zeros(side + 1, np.int64)
     low, high = np.empty(side, np.int64), np.empty(side, np.int64)
     used, cursor = 0, 0
     for rank in range(len(order)):
         c = order[rank]
-        columns = min(side, int(extent[c, 0] * scales[c]) + 2 * gutter + 2)
-        width = _outline(flat, faces[start[c] : start[c + 1]], scales[c], gutter, low[:columns], high[:columns])
+        columns = min(side, int(extent[c, 0] * scales[c]) + 2 * padding + 2)
+        width = _outline(flat, faces[start[c] : start[c + 1]], scales[c], padding, low[:columns], high[:columns])
         first, last = 0, side - width
         if rank >= _SEARCHED:
             first = cursor if cursor <= last else 0

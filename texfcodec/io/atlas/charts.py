@@ -51,7 +51,7 @@ def grow_charts(points: np.ndarray, faces: np.ndarray, groups: np.ndarray,
 
 
 def _is_hollow(flat, chart, extent):
-    """Whether each chart would waste much of the atlas, bool [n]: a large box filled to less than a third."""
+    """Return whether each chart would waste much of the atlas, bool [n]: a large box filled to less than a third."""
     filled = np.bincount(chart, flat_areas(flat), minlength=len(extent))
     return (filled < 0.33 * extent.prod(1)) & (extent.prod(1) > 64 * 64)
 
@@ -133,7 +133,7 @@ def _widen(bounds, tri, wider):
 
 @kernel
 def _meets_other_sheet(tri, chart, stamp, depth, write):
-    """Whether a face, widened by a texel, meets a cell that this chart already covers at another depth.
+    """Return whether a face, widened by a texel, meets a cell that this chart already covers at another depth.
 
     With write, claims cells instead: a cell holds 2 * chart + 1 if its centre is inside a face, 2 * chart on a face's rim.
     Cells are addressed modulo the grid side (a power of two), which cannot alias because limit bounds the chart's extent; the
@@ -172,7 +172,7 @@ def _facing(vectors, face, frames, seed):
 
 @kernel
 def _joins(face, seed, groups, normals, smooth, frames):
-    """Whether a neighbour may join by group and direction; faces without area have no direction and always may."""
+    """Return whether a neighbour may join by group and direction; faces without area have no direction and always may."""
     if groups[face] != groups[seed]:
         return False
     if normals[face, 0] == 0.0 and normals[face, 1] == 0.0 and normals[face, 2] == 0.0:

@@ -11,8 +11,8 @@ from ...field.on_face import corner_weights
 from ...geometry.tangents import corner_tangents
 from ...scene.channels import BY_NAME, channel_over
 from ...scene.factors import FLAT
-from .gaps import fill_gaps
-from .sheets import sheet_colours
+from .fill_uncovered import fill_uncovered
+from .packed_images import packed_texels
 
 if TYPE_CHECKING:
     from ...texf import Texf
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 class AtlasMaps:
     """Images of maps for an atlas. texf: decoded stream (Texf); faces: int64 [n], those of the atlas; baked: their Baked; normal:
-    float32 [n, 3, 3], shading normals of their corners, or None if no sheet has a normal map."""
+    float32 [n, 3, 3], shading normals of their corners, or None if no packed image has a normal map."""
 
     def __init__(self, texf: Texf, faces: np.ndarray, baked: Baked, normal: np.ndarray | None) -> None:
         self.texf, self.faces, self.system, self.atlas, self.normal = texf, faces, baked.system, baked.atlas, normal
@@ -31,24 +31,24 @@ class AtlasMaps:
         if normal is not None:
             self._tangent = corner_tangents(texf.positions, texf.faces[faces], baked.atlas.corner_uv, normal)
 
-    def image(self, sheet: tuple[str, ...]) -> np.ndarray:
-        """The image of a sheet: uint8 [H, W, 3], or [H, W, 4] if a channel is in alpha."""
+    def image(self, packed: tuple[str, ...]) -> np.ndarray:
+        """The packed image of channels: uint8 [H, W, 3], or [H, W, 4] if a channel is in alpha."""
         values = {}
-        for name in sheet:
+        for name in packed:
             channel = channel_over(name, planar=True)
-            ask = self._ask_normal(name) if channel.unit == "degrees" else self._ask(name)
-            values[name] = self.system.fitted(ask, channel.components, threads=self.texf.threads)
+            sample = self._normal_function(name) if channel.unit == "degrees" else self._channel_function(name)
+            values[name] = self.system.fitted(sample, channel.components, threads=self.texf.threads)
         image = np.zeros((self.atlas.height, self.atlas.width, 4), np.uint8)
-        image[self.system.covered] = sheet_colours(values)
-        image = image if any(3 in BY_NAME[name].columns for name in sheet) else np.ascontiguousarray(image[..., :3])
-        fill_gaps(image, self.system.covered)
+        image[self.system.covered] = packed_texels(values)
+        image = image if any(3 in BY_NAME[name].columns for name in packed) else np.ascontiguousarray(image[..., :3])
+        fill_uncovered(image, self.system.covered)
         return image
 
-    def _ask(self, name):
+    def _channel_function(self, name):
         """Function (points float64 [M, 3], face int64 [M] of the atlas) -> values [M, C]; 255 if a field lacks the channel."""
         channel = channel_over(name, planar=False)
 
-        def ask(points, face):
+        def sample(points, face):
             out = np.full((len(points), channel.components), 255, np.float32)
             for number in np.unique(self._which[face]).tolist():
                 chosen = np.flatnonzero(self._which[face] == number)
@@ -57,16 +57,17 @@ class AtlasMaps:
                     out[chosen] = self.texf.query_planes(number, (channel.name,), points[chosen], mesh_faces)[channel.name]
             return out
 
-        return ask
+        return sample
 
-    def _ask_normal(self, name):
-        """As _ask(), for x and y of normals in the atlas's tangent space, float32 [M, 2] in 0..255."""
-        ask, normals, tangents = self._ask(name), self.normal, self._tangent
+    def _normal_function(self, name):
+        """Function like that of _channel_function(), for x and y of normals in the atlas's tangent space, float32 [M, 2] in
+        0..255."""
+        sample, normals, tangents = self._channel_function(name), self.normal, self._tangent
         assert normals is not None and tangents is not None, "a normal map needs the normals of its corners"
 
         def ask_normal(points, face):
             xy = np.empty((len(points), 2), np.float32)
-            _in_tangent_space(points, face, self._corners, normals, tangents, ask(points, face), xy)
+            _in_tangent_space(points, face, self._corners, normals, tangents, sample(points, face), xy)
             return xy
 
         return ask_normal

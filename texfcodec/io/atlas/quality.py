@@ -89,8 +89,8 @@ def _parts(points, faces):
 
 
 def _best_cut(centres, first, second, length):
-    """Whether each of n faces is on the first side of the best plane, bool [n]. first, second: faces at each edge, [E]; length:
-    cost of cutting each edge, [E]."""
+    """Return whether each of n faces is on the first side of the best plane, bool [n]. first, second: faces at each edge, [E];
+    length: cost of cutting each edge, [E]."""
     count, least, best = len(centres), np.inf, np.zeros(len(centres), bool)
     window = slice(int(count * EVEN), max(int(count * (1 - EVEN)), int(count * EVEN) + 1))
     for direction in DIRECTIONS:

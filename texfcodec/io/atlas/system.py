@@ -19,20 +19,20 @@ from ...field.texel_cover import nearest_on_triangle, span_in_band
 from .seams import border_edges, inner_edges
 from .unwrap import Atlas
 
-BLOCK = 1 << 18  # points asked of the field at once: about 20 MB in flight, for each of a few blocks
+BLOCK = 1 << 18  # points sampled of the field at once: about 20 MB in flight, for each of a few blocks
 SAMPLES = 2  # points along the side of a texel: 3 and 4 gain less than 0.2 dB of 48 to 57 and take two to four times as long
 BORDER_SAMPLES = 4  # along a texel's length of a chart's border: jumps there fall by half, for 0.05 dB of 48
 SWEEPS = 4  # 8 or 20 gain less than 0.1 dB
 DAMPING = 0.1  # times the mean weight of a texel: settles those that hardly a sample looks up
 
-Ask = Callable[[np.ndarray, np.ndarray], np.ndarray]
+FieldFunction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class AtlasSystem:
     """The texels of an atlas and the surface that they show.
 
     texels: float64 [F, 3, 2], corners in texels; owner: int32 [H, W], the face that a texel shows, -1 if no face comes within a
-    texel of it; covered: bool [H, W]. A field is a function, Ask: (points float64 [M, 3] in the world, faces int64 [M]) -> values
+    texel of it; covered: bool [H, W]. A field is a FieldFunction: (points float64 [M, 3] in the world, faces int64 [M]) -> values
     [M, C]. At 4096 x 4096 and C = 3 it needs about 700 MB.
     """
 
@@ -70,23 +70,23 @@ class AtlasSystem:
         half = inner_edges(positions, faces, self.texels) // 3
         return components(len(faces), half[0], half[1])
 
-    def at_centres(self, ask: Ask, channels: int) -> np.ndarray:
+    def at_centres(self, sample: FieldFunction, channels: int) -> np.ndarray:
         """Values of the field at the centre of every covered texel, row by row: float32 [n, channels]."""
         out, done = np.empty((int(self.covered.sum()), channels), np.float32), 0
         rows = max(BLOCK // self.owner.shape[1], 1)
         for top in range(0, self.owner.shape[0], rows):
             row, column = np.nonzero(self.covered[top : top + rows])
             face = self.owner[top + row, column].astype(np.int64)
-            out[done : done + len(row)] = ask(self._points(column + 0.5, row + (top + 0.5), face), face)
+            out[done : done + len(row)] = sample(self._points(column + 0.5, row + (top + 0.5), face), face)
             done += len(row)
         return out
 
-    def fitted(self, ask: Ask, channels: int, weighted: bool = False, threads: int = 1) -> np.ndarray:
+    def fitted(self, sample: FieldFunction, channels: int, weighted: bool = False, threads: int = 1) -> np.ndarray:
         """Values of every covered texel, row by row, whose bilinear picture is closest to the field: float32 [n, channels] in
         0..255. weighted: whether the field has an additional column, the weight of a point, 0..1; a texel with weight 0 at its
         centre starts from the weighted mean around it. The result does not depend on threads."""
-        values = np.clip(np.nan_to_num(self.at_centres(ask, channels + weighted)), 0.0, 255.0)
-        matrix, right = self._equations(ask, channels, weighted, threads)
+        values = np.clip(np.nan_to_num(self.at_centres(sample, channels + weighted)), 0.0, 255.0)
+        matrix, right = self._equations(sample, channels, weighted, threads)
         if weighted:
             lost = (values[:, channels] <= 0) & (right[channels] > 0)
             values[lost, :channels] = (right[:channels, lost] / right[channels, lost]).T
@@ -103,7 +103,7 @@ class AtlasSystem:
             list(pool.map(solve, range(channels)))
         return values[:, :channels]
 
-    def _equations(self, ask, channels, weighted, threads):
+    def _equations(self, sample, channels, weighted, threads):
         """(B^T W B float32 [n, 5], B^T W s float32 [channels, n], with B^T W 1 as the last row if points are weighted)."""
         known = None if weighted else self._matrix
         count = np.count_nonzero(self.covered)
@@ -112,7 +112,7 @@ class AtlasSystem:
 
         def shown_at(block):
             x, y, face = block()
-            return x, y, np.ascontiguousarray(np.nan_to_num(ask(self._points(x, y, face), face)), np.float32)
+            return x, y, np.ascontiguousarray(np.nan_to_num(sample(self._points(x, y, face), face)), np.float32)
 
         for x, y, shown in in_order(shown_at, self._sample_blocks(), threads):
             weight = np.ones(len(x), np.float32)

@@ -12,7 +12,7 @@ from ...field.texels import TexelSupport
 from ...scene.channels import BASE_COLOUR
 from ...scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR
 from ...scene.srgb import to_bytes
-from .gaps import fill_gaps
+from .fill_uncovered import fill_uncovered
 from .system import BLOCK
 
 if TYPE_CHECKING:
@@ -62,12 +62,12 @@ def _centres(count, shift):
 
 
 def _even_shifts(support):
-    """How often each side of the full image can be halved evenly, at most to the level at hand: (x, y)."""
+    """Number of times that each side of the full image can be halved evenly, at most to the level at hand: (x, y)."""
     return tuple(min(support.level_shift, (side & -side).bit_length() - 1) for side in (support.width, support.height))
 
 
 def _ends_evenly(texel, side, extent, wrap):
-    """Whether UVs along an axis can refer to an image of `extent` texels in place of `side`; see texel_image_and_uv()."""
+    """Return whether UVs along an axis can refer to an image of `extent` texels in place of `side`; see texel_image_and_uv()."""
     if extent == side:
         return True
     first = 0 if wrap == WRAP_CLAMP else np.floor(texel.min(axis=1) / side)
@@ -106,16 +106,16 @@ def _filled(texf, number, image, referenced):
     255. referenced: bool [H, W]."""
     if (texf.fields[number].rgba[:, 3] == 255).all():
         image = np.ascontiguousarray(image[..., :3])
-        fill_gaps(image, referenced)
+        fill_uncovered(image, referenced)
         return image
     filled = image.copy()
-    fill_gaps(filled[..., 3:], referenced)
+    fill_uncovered(filled[..., 3:], referenced)
     visible = referenced & (image[..., 3] > 0) if _sees_alpha(texf, number) else referenced
-    fill_gaps(filled[..., :3], visible if visible.any() else referenced)
+    fill_uncovered(filled[..., :3], visible if visible.any() else referenced)
     return np.where(referenced[..., None], image, filled)
 
 
 def _sees_alpha(texf, number):
-    """Whether every material of a field uses alpha."""
+    """Return whether every material of a field uses alpha."""
     modes = [texf.materials[i].alpha_mode for i in np.unique(texf.face_material[texf.face_field == number])]
     return ALPHA_OPAQUE not in modes

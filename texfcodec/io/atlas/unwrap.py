@@ -13,7 +13,7 @@ QUALITY_FACES = 100_000  # "auto" uses xatlas up to here; 20,000 take 2.3 s of t
 _QUALITY_SECONDS = {"auto": 30.0, "quality": 1800.0}
 # Texels around a chart, and the least scale that they are worth. 4 in place of 2: jumps across borders at mip levels 2 and 3 fall
 # by a third to a half, for 0.5 dB of 48 between atlas and field (bball_0001 and waterbottle_pbr).
-_GUTTERS = ((5, 0.8), (4, 0.8), (2, 0.5), (1, 0.0))
+_PADDINGS = ((5, 0.8), (4, 0.8), (2, 0.5), (1, 0.0))
 _FILL = 0.55  # share of the atlas that charts usually cover, both methods
 
 
@@ -117,8 +117,8 @@ def _quality(points, faces, seconds, threads, warnings):
 
 
 def _packed(points, faces, groups, side, charts):
-    """(corners in texels, side); the side grows if the gutters of many small charts need it. charts: (flat corners, chart of each
-    face), or None for fast charts, which depend on the side."""
+    """(corners in texels, side); the side grows if the padding of many small charts needs it. charts: (flat corners, chart of
+    each face), or None for fast charts, which depend on the side."""
     from .chart_packing import pack_charts, upright
     from .charts import grow_charts
 
@@ -129,8 +129,8 @@ def _packed(points, faces, groups, side, charts):
         else:
             chart = charts[1]
             flat, extent = upright(charts[0] * density, chart, int(chart.max()) + 1)
-        for gutter, least in _GUTTERS:
-            placed, scale = pack_charts(flat, chart, extent, side, gutter)
+        for padding, least in _PADDINGS:
+            placed, scale = pack_charts(flat, chart, extent, side, padding)
             if placed is not None and scale > least:
                 return placed, side
         side = min(side * 2, MAX_SIZE) if side < MAX_SIZE else MAX_SIZE + 1

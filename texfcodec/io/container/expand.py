@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import InputError
 from ...scene.channels import BASE_COLOUR, BY_NAME, MAPS
-from ..atlas.sheets import sheets_of
+from ..atlas.packed_images import packed_images_of
 from ..formats import AUTO
 from ..gltf.accessor import read_accessor
 from ..gltf.carried import EXTENSION
@@ -19,10 +19,10 @@ from ..gltf.document import open_document
 from ..gltf.material import slot_of
 from ..gltf.properties import extensions, part
 from ..gltf.writer import corner_columns, sampler_of
-from ..looks import Look, Looks, skins_of
 from ..output_textures import textured
 from ..parts import Notes
 from ..save_build import encoded_images
+from ..saved_materials import SavedMaterial, SavedMaterials, skins_of
 from ..vertex_appearance import unique_corners
 from .layout import check_corners, is_container, read_primitives, read_streams
 from .rewritten import ARRAY, INDEX, Rewritten
@@ -89,9 +89,9 @@ class _Expansion:
         """Replace the primitives' units by accessors and their materials' images by those of the stream."""
         for coded in self.primitives:
             check_corners(coded, self.texf, _stored_count(self.document, self._entry(coded)))
-        look = textured(self.texf, self._looks())
-        self._write_images(look, texture_format)
-        columns = corner_columns(self.texf, look)
+        mesh = textured(self.texf, self._materials())
+        self._write_images(mesh, texture_format)
+        columns = corner_columns(self.texf, mesh)
         starts = np.cumsum([0] + [len(unit.faces) for unit in self.texf.units])
         for coded in self.primitives:
             rows = np.concatenate([np.arange(starts[n], starts[n + 1]) for n in coded.units])
@@ -101,30 +101,28 @@ class _Expansion:
     def _entry(self, coded):
         return self.out.root["meshes"][coded.mesh]["primitives"][coded.number]
 
-    def _looks(self):
-        """Return the Looks of the stream: one for each material of the file and skin, with an image for each slot."""
+    def _materials(self):
+        """Return the SavedMaterials of the stream: one for each material of the file and skin, with an image for each slot."""
         skins, face_skin = skins_of(self.texf)
-        looks, face_look, known = [], np.full(len(self.texf.faces), -1, np.int64), {}
+        rows: list[SavedMaterial] = []
+        face_row, known = np.full(len(self.texf.faces), -1, np.int64), {}
         starts = np.cumsum([0] + [len(unit.faces) for unit in self.texf.units])
         for coded in self.primitives:
             for unit in coded.units:
-                rows = slice(starts[unit], starts[unit + 1])
                 key = self._entry(coded).get("material"), int(face_skin[starts[unit]])
                 if key not in known:
-                    known[key] = len(looks)
-                    number = self.texf.units[unit].material
+                    known[key], number = len(rows), self.texf.units[unit].material
                     material = self.texf.materials[number]
-                    looks.append(Look(number, key[1], material, self._mapped(key[0], material)))
-                face_look[rows] = known[key]
+                    rows.append(SavedMaterial(number, key[1], material, self._mapped(key[0], material)))
+                face_row[starts[unit] : starts[unit + 1]] = known[key]
         for number, skin in enumerate(skins):
-            wanted = {name for look in looks if look.skin == number for name in look.mapped}
-            skin.has_base, skin.sheets = BASE_COLOUR.name in wanted, sheets_of(wanted)
-        self.materials = list(known)
-        if (face_look < 0).any():
-            known[None, None] = len(looks)
-            looks.append(Look(0, int(face_skin[face_look < 0][0]), self.texf.materials[0], ()))
-            face_look[face_look < 0] = len(looks) - 1
-        return Looks(skins, looks, face_look)
+            wanted = {name for row in rows if row.skin == number for name in row.mapped}
+            skin.has_base, skin.packed = BASE_COLOUR.name in wanted, packed_images_of(wanted)
+        self.file_materials = [material for material, _ in known]
+        if (face_row < 0).any():  # units that no primitive consists of
+            rows.append(SavedMaterial(0, int(face_skin[face_row < 0][0]), self.texf.materials[0], ()))
+            face_row[face_row < 0] = len(rows) - 1
+        return SavedMaterials(skins, rows, face_row)
 
     def _mapped(self, number, material):
         """Return the channels of a material that have both a slot in the file and values in the stream."""
@@ -134,23 +132,23 @@ class _Expansion:
         return tuple(channel.name for channel in (BASE_COLOUR, *MAPS)
                      if slot_of(entry, channel) and (channel is BASE_COLOUR or channel.name in material.maps))
 
-    def _write_images(self, look: Textured, texture_format):
+    def _write_images(self, mesh: Textured, texture_format):
         """Add the images of the stream, and name them in the materials."""
-        images, _ = encoded_images(look, texture_format, self.texf.threads)
+        images, _ = encoded_images(mesh, texture_format, self.texf.threads)
         numbers = []
-        for texture, (form, data) in zip(look.textures, images, strict=True):
+        for texture, (form, data) in zip(mesh.textures, images, strict=True):
             image = self.out.add("images", {"mimeType": form.mime, "bufferView": self.out.add_view(data)})
-            source = {"source": image}
+            source: dict[str, Any] = {"source": image}
             if form.extension is not None:
                 self.out.use_extension(form.extension, required=True)
                 source = {"extensions": {form.extension: source}}
             numbers.append(self.out.add("textures", {"sampler": self._sampler(texture)} | source))
         texcoord = {self._entry(coded).get("material"): coded.texcoord for coded in self.primitives}
-        for (material, _), images_of in zip(self.materials, look.images, strict=False):
-            for name, texture in images_of.items():
+        for material, images_of in zip(self.file_materials, mesh.images, strict=False):
+            for name, image in images_of.items():
                 channel = BASE_COLOUR if name == BASE_COLOUR.name else BY_NAME[name]
                 info = slot_of(self.out.root["materials"][material], channel)
-                _refer(info, numbers[texture], texcoord[material])
+                _refer(info, numbers[image], texcoord[material])
 
     def _sampler(self, texture):
         sampler = sampler_of(texture)
@@ -175,8 +173,8 @@ class _Expansion:
                 values["TANGENT"] = np.column_stack([turned, tangent[:, 3] * (-1 if mirrored else 1)]).astype(np.float32)
         if columns["TEXCOORD_0"].any():
             values[f"TEXCOORD_{coded.texcoord}"] = columns["TEXCOORD_0"].astype(np.float32)
-        order = np.arange(len(vertex)).reshape(-1, 3)
-        order = (order[:, [0, 2, 1]] if mirrored else order).reshape(-1)
+        faces = np.arange(len(vertex)).reshape(-1, 3)
+        order = (faces[:, [0, 2, 1]] if mirrored else faces).reshape(-1)
         keys = [row for column in values.values() for row in np.ascontiguousarray(column).view(np.int32).T]
         first, index = unique_corners(vertex, *keys)
         self._write_attributes(entry, {name: column[first] for name, column in values.items()}, vertex[first])

@@ -51,7 +51,8 @@ def pack_accessors(file: Rewritten) -> None:
 def _uses(file):
     """Return ({accessor: its use: the target that its bufferView needs, or the array that refers to it}, accessors that need
     bounds)."""
-    uses, bounded, mixed = {}, set(), set()
+    uses: dict[int, int | str] = {}
+    bounded, mixed = set(), set()
     for holder, reference in references(file.root):
         if reference.kind != "accessors":
             continue
@@ -76,8 +77,8 @@ def _is_plain(file, entry):
 def _rows(file, entry, number, pad):
     """Return the rows of an accessor, uint8 [N, bytes]. pad: whether to multiples of four bytes."""
     shape, dtype = shape_of(entry)
-    view, stride = file.view(entry["bufferView"])
-    values = np.ascontiguousarray(rows_of_view(view, stride, entry.get("byteOffset", 0), shape, dtype, number))
+    view = file.view(entry["bufferView"])
+    values = np.ascontiguousarray(rows_of_view(view, entry.get("byteOffset", 0), shape, dtype, number))
     rows = values.view(np.uint8).reshape(shape[0], -1)
     return np.pad(rows, ((0, 0), (0, -rows.shape[1] % 4))) if pad else rows
 

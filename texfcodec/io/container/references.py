@@ -60,8 +60,8 @@ def references(root: dict) -> Iterator[tuple[tuple[str, int], Reference]]:
 def _extension(entry, name):
     """Return an extension's object, {} if absent."""
     table = entry.get("extensions")
-    found = table.get(name) if isinstance(table, dict) else None
-    return found if isinstance(found, dict) else {}
+    entry = table.get(name) if isinstance(table, dict) else None
+    return entry if isinstance(entry, dict) else {}
 
 
 def _keys(entry, kind, *keys):

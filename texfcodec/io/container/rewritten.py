@@ -108,8 +108,12 @@ class Rewritten:
                     del self.root[kind]
 
     def glb(self, deflate: bool = False) -> bytes:
-        """Return the file. deflate: whether to store bufferViews of accessors deflated where that saves bytes. Entries that only removed references had reached are left out, and accessors share bufferViews; a file
-        with extensions whose references are not known keeps all entries as they are."""
+        """Return the file.
+
+        Entries that only removed references had reached are left out, and accessors share bufferViews; a file with extensions
+        whose references are not known keeps all entries as they are. deflate: whether to store bufferViews of accessors deflated
+        where that saves bytes.
+        """
         self._embed_images()
         if not has_unknown_references(self.root):
             pack_accessors(self)
@@ -159,7 +163,7 @@ class Rewritten:
 
     def _deflate(self):
         """Store new bufferViews of accessors deflated where that saves bytes."""
-        row_of = {}
+        row_of: dict[int, int] = {}
         for entry in self.root.get("accessors", []):
             if "bufferView" in entry:
                 row_of.setdefault(entry["bufferView"], row_size(entry))

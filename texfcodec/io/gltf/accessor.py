@@ -41,7 +41,7 @@ def shape_of(entry: dict) -> tuple[tuple[int, int], np.dtype]:
 
 def read_floats(document: Document, index: int, kinds: tuple[str, ...], normalized: bool | None = None,
                 rows: np.ndarray | None = None) -> np.ndarray:
-    """As read_accessor(), with integers scaled if normalized (section 3.6.2.2): float array [count, width].
+    """Array of read_accessor(), with integers scaled if normalized (section 3.6.2.2): float [count, width].
 
     normalized: overrides the accessor's property; rows: rows to read, None for all.
     """
@@ -61,13 +61,14 @@ def normalized_floats(array: np.ndarray) -> np.ndarray:
 
 
 def _from_view(document, view, offset, shape, dtype, index):
-    return rows_of_view(*document.view(view), offset, shape, dtype, index)
+    return rows_of_view(document.view(view), offset, shape, dtype, index)
 
 
-def rows_of_view(data: memoryview | bytes, stride: int | None, offset: int, shape: tuple[int, int], dtype: np.dtype,
+def rows_of_view(view: tuple[memoryview | bytes, int | None], offset: int, shape: tuple[int, int], dtype: np.dtype,
                  index: int) -> np.ndarray:
-    """Array [count, width] over the bytes of a bufferView. Raises InputError TXF-I11 if it leaves them. index: of accessor."""
-    count, width = shape
+    """Array [count, width] over a bufferView, (bytes, byteStride or None). index: of the accessor. Raises InputError TXF-I11 if the
+    array leaves the view."""
+    (data, stride), (count, width) = view, shape
     size = width * dtype.itemsize
     stride = stride or size
     need = offset + stride * (count - 1) + size

@@ -107,7 +107,7 @@ class Document:
         return self._decoded[index]
 
     def _has_plain(self, entry):
-        """Whether the buffer of a view has bytes. Other buffers are placeholders for unpacked views."""
+        """Return whether the buffer of a view has bytes. Other buffers are placeholders for unpacked views."""
         buffer = self.entry("buffers", entry.get("buffer"))
         return "uri" in buffer or (entry["buffer"] == 0 and self._chunk is not None)
 

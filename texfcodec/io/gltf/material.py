@@ -38,14 +38,14 @@ class TextureInfo:
     transform: np.ndarray | None = None
 
     def same_uv(self, other: TextureInfo) -> bool:
-        """Whether both have the same UVs."""
+        """Return whether both have the same UVs."""
         if self.transform is None or other.transform is None:
             return self.texcoord == other.texcoord and self.transform is other.transform
         return self.texcoord == other.texcoord and bool(np.array_equal(self.transform, other.transform))
 
 
 @dataclass
-class Look:
+class MaterialFields:
     """The surface of a glTF material. factor: base colour, float64 [4] linear; images: TextureInfo by channel name, base colour
     among them, in the order of channels.CHANNELS; parameters: as in scene.scene.Material."""
 
@@ -64,10 +64,10 @@ class Look:
         return {name: info for name, info in self.images.items() if first is not None and not info.same_uv(first)}
 
 
-def read_look(document: Document, index: int | None) -> Look:
-    """Material index (None: glTF's default material) -> Look."""
+def read_material_fields(document: Document, index: int | None) -> MaterialFields:
+    """Material index (None: glTF's default material) -> MaterialFields."""
     if index is None:
-        return Look(np.ones(4), {}, {})
+        return MaterialFields(np.ones(4), {}, {})
     entry = document.entry("materials", index)
     glossy = part(extensions(entry), _SPECULAR_GLOSSINESS)
     images = {channel.name: _texture_info(info) for channel in (BASE_COLOUR, *MAPS) if (info := slot_of(entry, channel))}
@@ -80,7 +80,7 @@ def read_look(document: Document, index: int | None) -> Look:
         parameters = _parameters(entry) | {"metallic": (0.0,)}
     else:
         factor, parameters = numbers(part(entry, PBR), "baseColorFactor", (1.0,) * 4), _parameters(entry)
-    return Look(np.array(factor), images, parameters)
+    return MaterialFields(np.array(factor), images, parameters)
 
 
 def _part_of(entry, extension):
@@ -134,24 +134,25 @@ def _texture_coordinates(info):
     return integer(transform, "texCoord", texcoord, low=0), matrix
 
 
-def read_material(document: Document, index: int | None, look: Look, shelf: TextureShelf) -> Material:
-    """Material index with its Look -> Material. Its textures go to the shelf; messages name the properties that are left out."""
+def read_material(document: Document, index: int | None, fields: MaterialFields, shelf: TextureShelf) -> Material:
+    """Material index with its MaterialFields -> Material. Its textures go to the shelf; messages name the properties
+    that are left out."""
     if index is None:
         return Material("default")
     entry = document.entry("materials", index)
     name = f"material {title(entry, index)}"
     _drop_properties(document, entry, name)
-    placed = {channel: _put_texture(document, info.texture, channel, shelf) for channel, info in look.images.items()}
+    placed = {channel: _put_texture(document, info.texture, channel, shelf) for channel, info in fields.images.items()}
     return Material(
         name=name_of(entry),
-        factor=clipped(look.factor[None], document.notes, f"base colour factor of {name}")[0],
+        factor=clipped(fields.factor[None], document.notes, f"base colour factor of {name}")[0],
         texture=placed.pop(BASE_COLOUR.name, -1),
         alpha_mode=_alpha_mode(document, entry, name),
         alpha_cutoff=numbers(entry, "alphaCutoff", 0.5),
         double_sided=entry.get("doubleSided") is True,
         unlit=UNLIT in extensions(entry),
         maps={channel: texture for channel, texture in placed.items() if texture >= 0},
-        parameters=look.parameters,
+        parameters=fields.parameters,
     )
 
 
@@ -266,7 +267,7 @@ def extensions_of(entries: list[dict]) -> list[str]:
 
 
 def _write_place(out, extension):
-    """As _part_of(), for a dict under construction: absent objects are added."""
+    """Entry that _part_of() reads, in a dict under construction: absent objects are added."""
     if extension in ("", PBR):
         return out[PBR] if extension else out
     return out.setdefault("extensions", {}).setdefault(extension, {})

@@ -17,7 +17,7 @@ from .left_out import name_extension
 from .properties import extensions, integer, malformed, part, title
 
 if TYPE_CHECKING:
-    from .material import Look, TextureInfo
+    from .material import MaterialFields, TextureInfo
 
 _DRACO = "KHR_draco_mesh_compression"
 # Types of Draco's values, which DracoPy hands out as 32 bits: what is normalised goes by the number of its bits.
@@ -31,13 +31,13 @@ _MODE_NAMES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip"}
 class MeshReader:
     """Reads each mesh once, for any number of nodes.
 
-    look_of: material index or None -> Look. After reading, `materials` lists the used material indices in order of first use
-    (None is glTF's default), and Part.material is an index into it; `pools` has the vertex pools that the Parts take their used
-    vertices from; `beside` counts the primitives that are not triangles, by kind.
+    material_fields_of: material index or None -> MaterialFields. After reading, `materials` lists the used material
+    indices in order of first use (None is glTF's default), and Part.material is an index into it; `pools` has the vertex pools
+    that the Parts take their used vertices from; `beside` counts the primitives that are not triangles, by kind.
     """
 
-    def __init__(self, document: Document, look_of: Callable[[Any], Look]) -> None:
-        self.document, self.look_of = document, look_of
+    def __init__(self, document: Document, material_fields_of: Callable[[Any], MaterialFields]) -> None:
+        self.document, self.material_fields_of = document, material_fields_of
         self._slots: dict[int | None, int] = {}
         self._meshes: dict[tuple[int, bool], list[Part]] = {}
         self.pools = VertexPools()
@@ -92,11 +92,11 @@ class MeshReader:
         source.rows, faces = self.pools.take(source.pool, stored, faces)
         positions = source.floats("POSITION", ("VEC3",))
         material = primitive.get("material")
-        look = self.look_of(material)
+        fields = self.material_fields_of(material)
         self._drop_attributes(primitive, label, skinned)
         result = Part(self._morphed(mesh, primitive, positions, source), faces, self._slot(material),
-                      self._uv(source, look.leading, label), self._vertex_color(source, label), label,
-                      {name: self._uv(source, info, label) for name, info in look.others().items()})
+                      self._uv(source, fields.leading, label), self._vertex_color(source, label), label,
+                      {name: self._uv(source, info, label) for name, info in fields.others().items()})
         result.rows = source.rows
         if source.has("NORMAL"):  # without it, TANGENT says nothing (section 3.7.2.1)
             result.normal = self._morphed(mesh, primitive, source.floats("NORMAL", ("VEC3",)), source, "NORMAL")

@@ -12,7 +12,7 @@ def malformed(what: str, **details: object) -> InputError:
 
 
 def is_index(value: object) -> bool:
-    """Whether a JSON value is a non-negative integer; true and 1.0 are not."""
+    """Return whether a JSON value is a non-negative integer; true and 1.0 are not."""
     return isinstance(value, int) and not isinstance(value, bool) and value >= 0
 
 

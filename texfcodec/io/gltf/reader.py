@@ -22,7 +22,7 @@ from ..parts import Notes, Part, assemble, check_face_count, no_triangles
 from .carried import EXTENSION, read_carried
 from .document import open_document
 from .left_out import name_extension, name_joined, name_left_out, name_variants
-from .material import read_look, read_material
+from .material import read_material, read_material_fields
 from .mesh import VARIANTS, MeshReader
 from .properties import extensions, integer, is_index, malformed, name_of, numbers, title
 from .skin import Rest
@@ -90,22 +90,22 @@ def _scene_of_stream(document):
 
 def _scene_of_nodes(document):
     """The Scene of the meshes that the default scene's nodes show."""
-    looks, notes = {}, document.notes
+    material_fields, notes = {}, document.notes
 
-    def look_of(material):
+    def material_fields_of(material):
         if material is not None and not is_index(material):
             raise malformed("a material reference is not an index", value=str(material)[:40])
-        if material not in looks:
-            looks[material] = read_look(document, material)
-        return looks[material]
+        if material not in material_fields:
+            material_fields[material] = read_material_fields(document, material)
+        return material_fields[material]
 
-    meshes = MeshReader(document, look_of)
+    meshes = MeshReader(document, material_fields_of)
     parts, shown = _read_nodes(document, meshes)
     if not any(len(part.faces) for part in parts):
         raise no_triangles(", ".join(f"{plural(n, 'primitive', 'primitives')} of {kind}" for kind, n in meshes.beside.items()))
     meshes.drop_unused_uv()
     shelf = TextureShelf(notes)
-    materials = [read_material(document, index, looks[index], shelf) for index in meshes.materials]
+    materials = [read_material(document, index, material_fields[index], shelf) for index in meshes.materials]
     _drop_rest(document, meshes.materials)
     showing = [node["mesh"] for index in shown if "mesh" in (node := document.entry("nodes", index))]
     name_joined(notes, len(showing), len(set(showing)))

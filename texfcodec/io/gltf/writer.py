@@ -122,23 +122,23 @@ class Document:
         self.json["scenes"][0]["nodes"] = [self.add("nodes", node)]
 
 
-def textured(texf: Texf, look: Textured, images: list[tuple[ImageFormat, str | bytes]], packing: Plain | None = None) -> Document:
+def textured(texf: Texf, mesh: Textured, images: list[tuple[ImageFormat, str | bytes]], packing: Plain | None = None) -> Document:
     """Document with images, and TEXCOORD_0 or COLOR_0 for faces that have these. images: (format, URI or bytes for the buffer) of
-    each of look.textures; packing: of packing.py, or None for plain accessors."""
+    each of mesh.textures; packing: of packing.py, or None for plain accessors."""
     document, packing = Document(texf.metadata), packing or Plain()
     if len(texf.faces) == 0:
         return document
-    corner, looks = texf.faces.ravel(), np.repeat(look.looks.face_look, 3)
-    columns = corner_columns(texf, look)
+    corner, corner_row = texf.faces.ravel(), np.repeat(mesh.materials.face_row, 3)
+    columns = corner_columns(texf, mesh)
     keys = (np.ascontiguousarray(column.values).view(np.int32).T for column in columns.values())
-    first, index = unique_corners(looks, corner, *(row for key in keys for row in key))
+    first, index = unique_corners(corner_row, corner, *(row for key in keys for row in key))
     columns = {name: column._replace(values=column.values[first]) for name, column in columns.items()}
     materials = [part.material if part.mapped else _without_direction(part.material, document.warnings)
-                 for part in look.looks.looks]
-    entries = [write_material(material, images) for material, images in zip(materials, look.images, strict=True)]
-    groups = _Groups(looks[first], look.looks.face_look, entries, [_unused(part) for part in look.looks.looks])
+                 for part in mesh.materials.rows]
+    entries = [write_material(material, images) for material, images in zip(materials, mesh.images, strict=True)]
+    groups = _Groups(corner_row[first], mesh.materials.face_row, entries, [_unused(part) for part in mesh.materials.rows])
     _add_surface(document, texf, corner[first], index.reshape(-1, 3), groups, columns, packing)
-    for texture, (form, image) in zip(look.textures, images, strict=True):
+    for texture, (form, image) in zip(mesh.textures, images, strict=True):
         _add_texture(document, texture, form, image)
     return document
 
@@ -153,42 +153,42 @@ def _without_direction(material, warnings):
     return replace(material, parameters=kept)
 
 
-def corner_columns(texf: Texf, look: Textured) -> dict[str, Column]:
+def corner_columns(texf: Texf, mesh: Textured) -> dict[str, Column]:
     """{name: Column [3 F, k]} of the corners' attributes; 0 for faces without."""
-    columns = {"TEXCOORD_0": Column(look.corner_uv.astype(np.float32).reshape(-1, 2), "VEC2"),
-               "NORMAL": Column(_written_normals(texf, look).reshape(-1, 3), "VEC3")}
-    if look.corner_tangent is not None:
-        columns["TANGENT"] = Column(_written_tangents(look).reshape(-1, 4), "VEC4")
-    if any(part.colours is not None for part in look.looks.looks):
-        columns["COLOR_0"] = Column(_written_colours(look.looks).reshape(-1, 4), "VEC4", True)
+    columns = {"TEXCOORD_0": Column(mesh.corner_uv.astype(np.float32).reshape(-1, 2), "VEC2"),
+               "NORMAL": Column(_written_normals(texf, mesh).reshape(-1, 3), "VEC3")}
+    if mesh.corner_tangent is not None:
+        columns["TANGENT"] = Column(_written_tangents(mesh).reshape(-1, 4), "VEC4")
+    if any(part.colours is not None for part in mesh.materials.rows):
+        columns["COLOR_0"] = Column(_written_colours(mesh.materials).reshape(-1, 4), "VEC4", True)
     return columns
 
 
-def _unused(look):
-    """Names of the attributes that a primitive of a look does not use."""
-    return ({"TEXCOORD_0"} if not look.mapped else set()) | ({"COLOR_0"} if look.colours is None else set())
+def _unused(saved):
+    """Names of the attributes that a primitive of a SavedMaterial does not use."""
+    return ({"TEXCOORD_0"} if not saved.mapped else set()) | ({"COLOR_0"} if saved.colours is None else set())
 
 
-def _written_colours(looks):
+def _written_colours(materials):
     """Colours of corners in glTF's coding, uint16 [F, 3, 4]; 0 for faces without."""
-    out = np.zeros((len(looks.face_look), 3, 4), np.uint16)
-    for number, look in enumerate(looks.looks):
-        if look.colours is not None:
-            out[looks.face_look == number] = linear_u16(look.colours.rgba)[look.colours.index]
+    out = np.zeros((len(materials.face_row), 3, 4), np.uint16)
+    for number, saved in enumerate(materials.rows):
+        if saved.colours is not None:
+            out[materials.face_row == number] = linear_u16(saved.colours.rgba)[saved.colours.index]
     return out
 
 
-def _written_tangents(look):
+def _written_tangents(mesh):
     """Tangents of corners, float32 [F, 3, 4]; 0 for materials without a normal map."""
-    return np.where(_has_normal_map(look)[:, None, None], look.corner_tangent, np.float32(0))
+    return np.where(_has_normal_map(mesh)[:, None, None], mesh.corner_tangent, np.float32(0))
 
 
-def _has_normal_map(look):
-    """Whether the look of each face has a normal map, bool [F]."""
-    return np.array([bool(NORMAL_MAPS & images.keys()) for images in look.images], bool)[look.looks.face_look]
+def _has_normal_map(mesh):
+    """Return whether the material of each face has a normal map, bool [F]."""
+    return np.array([bool(NORMAL_MAPS & images.keys()) for images in mesh.images], bool)[mesh.materials.face_row]
 
 
-def _written_normals(texf, look):
+def _written_normals(texf, mesh):
     """Normals of corners, float32 [F, 3, 3]; 0 for flat materials, because glTF shades faces without normals flat. Faces with a
     normal map keep theirs, because tangents are ignored without normals (section 3.7.2.1)."""
     normal = texf.shading_normals()
@@ -197,12 +197,12 @@ def _written_normals(texf, look):
     for number in np.flatnonzero(~flat):  # materials whose faces all meet in sharp edges
         faces = texf.face_material == number
         flat[number] = bool(faces.any()) and bool(level[faces].all()) and _are_of_faces(texf, normal, faces)
-    normal[flat[texf.face_material] & ~_has_normal_map(look)] = 0.0
+    normal[flat[texf.face_material] & ~_has_normal_map(mesh)] = 0.0
     return normal
 
 
 def _are_of_faces(texf, normal, chosen):
-    """Whether the normals of corners equal those of their faces, for faces with area. chosen: bool [F], the faces."""
+    """Return whether the normals of corners equal those of their faces, for faces with area. chosen: bool [F], the faces."""
     a, b, c = (texf.lattice_positions[texf.faces[chosen, k]].astype(np.float64) for k in range(3))
     across = np.cross(b - a, c - a)
     length = np.linalg.norm(across, axis=1)

@@ -3,7 +3,7 @@
 import {Box3, Group, Sphere, Vector3} from 'three';
 import {CHANNEL_MAPS, disposeGroup} from 'texf/three';
 
-import {prepare} from './look.js';
+import {prepare} from './shown_layers.js';
 
 const SAMPLED = 50000; // vertices by which a picture is framed
 
@@ -38,10 +38,10 @@ export class Asset {
 
   /** Names of the channels that its materials have. */
   get channels() {
-    const found = this.materials.flatMap((material) => material.userData.channels ?? ['base_colour', ...CHANNEL_MAPS
+    const names = this.materials.flatMap((material) => material.userData.channels ?? ['base_colour', ...CHANNEL_MAPS
       .filter(([property]) => material[property]).flatMap(([, channels]) => channels)]);
     const isOpaque = this.materials.every(({transparent, alphaTest}) => !transparent && !alphaTest);
-    return [...new Set(found.map((name) => name?.replace('_object', '')))].filter((name) => name && !(isOpaque && name === 'alpha'));
+    return [...new Set(names.map((name) => name?.replace('_object', '')))].filter((name) => name && !(isOpaque && name === 'alpha'));
   }
 
   get textures() {

@@ -21,7 +21,7 @@ function digest() {
   const sum = createHash('sha256'), {devDependencies: {three, esbuild: bundler}} = JSON.parse(readFileSync(path.join(js, 'package.json'), 'utf8'));
   sum.update(`three ${three} esbuild ${bundler}\n`);
   for (const folder of [app, path.join(js, 'src')]) {
-    for (const name of readdirSync(folder).filter((one) => /\.m?js$/.test(one)).sort()) sum.update(`${name}\n`).update(readFileSync(path.join(folder, name)));
+    for (const name of readdirSync(folder).filter((file) => /\.m?js$/.test(file)).sort()) sum.update(`${name}\n`).update(readFileSync(path.join(folder, name)));
   }
   return sum.digest('hex');
 }

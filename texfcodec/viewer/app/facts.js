@@ -1,6 +1,6 @@
 // What the page tells of an asset, in words and figures.
 
-import {worded} from './look.js';
+import {worded} from './shown_layers.js';
 
 const LISTED = 3;
 const listed = (texts) => [...new Set(texts)].slice(0, LISTED).join(', ') + (new Set(texts).size > LISTED ? ' …' : '');

@@ -2,7 +2,7 @@
 
 import {element, tick} from './dom.js';
 import {decibelText, factsOf, grouped, timeText} from './facts.js';
-import {effectsOf, hasLayer, layersOf, worded} from './look.js';
+import {effectsOf, hasLayer, layersOf, worded} from './shown_layers.js';
 import {HEAT, ONLY_ONE} from './stage.js';
 
 export const BACKGROUNDS = {
@@ -76,7 +76,7 @@ export class Panel {
   effects() {
     const {viewer} = this, names = effectsOf(viewer.assets);
     this.ticks = names.map((name) => [name, tick(worded(name), (isOn) => {
-      const without = new Set(viewer.look.without);
+      const without = new Set(viewer.settings.without);
       without[isOn ? 'delete' : 'add'](name);
       viewer.change({without, lit: true});
     })]);
@@ -91,15 +91,15 @@ export class Panel {
       button('Copy camera', 'C', () => viewer.copyCamera()), button('Help', 'H', () => viewer.helper.showModal()));
   }
 
-  /** Shows what the viewer's look is by now. */
+  /** Shows what the viewer's settings are by now. */
   follow() {
-    const {look, view, assets} = this.viewer;
-    if ([...this.layer.options].some(({value}) => value === look.layer)) this.layer.value = look.layer;
-    this.light.box.checked = look.lit && !this.light.box.disabled;
+    const {settings, view, assets} = this.viewer;
+    if ([...this.layer.options].some(({value}) => value === settings.layer)) this.layer.value = settings.layer;
+    this.light.box.checked = settings.lit && !this.light.box.disabled;
     this.deep.box.checked = Boolean(view?.isDeep);
-    this.swatches.forEach((input) => { input.checked = input.value === look.background; });
-    this.ticks.forEach(([name, {box}]) => { box.checked = !look.without.has(name); });
-    const without = assets.filter((asset) => !hasLayer(asset, look.layer)).map(({name}) => name);
+    this.swatches.forEach((input) => { input.checked = input.value === settings.background; });
+    this.ticks.forEach(([name, {box}]) => { box.checked = !settings.without.has(name); });
+    const without = assets.filter((asset) => !hasLayer(asset, settings.layer)).map(({name}) => name);
     this.missing.textContent = without.length ? `${without.join(' and ')}: no such layer, shown in grey.` : '';
     this.compare?.follow();
   }
@@ -142,12 +142,12 @@ class Compare {
   }
 
   follow() {
-    const {look, stage} = this.viewer;
-    this.modes.forEach(({input}) => { input.checked = input.value === look.mode; });
+    const {settings, stage} = this.viewer;
+    this.modes.forEach(({input}) => { input.checked = input.value === settings.mode; });
     this.apart.hidden = !stage.apart;
-    this.heatRows.hidden = look.mode !== 'difference';
-    this.scale.value = Math.max(0, HOT.findLastIndex((scale) => scale <= look.hottest));
-    this.hottest.textContent = `${look.hottest} of 255`;
+    this.heatRows.hidden = settings.mode !== 'difference';
+    this.scale.value = Math.max(0, HOT.findLastIndex((scale) => scale <= settings.hottest));
+    this.hottest.textContent = `${settings.hottest} of 255`;
   }
 
   /** Shows PSNR of the view (of psnrOf()). */

@@ -6,7 +6,7 @@ import {
   Vector2, WebGLRenderer,
 } from 'three';
 
-import {dress} from './look.js';
+import {dress} from './shown_layers.js';
 
 export const HOTTEST = 32; // coded levels (root mean square of R, G, B) from which on the heat map is at its hottest
 export const HEAT = [[0, 0, 0], [70, 15, 110], [190, 50, 85], [250, 150, 30], [255, 255, 190]]; // from nothing to the hottest
@@ -83,10 +83,10 @@ export class Stage {
 
   /** Whether there are two that are no versions of one thing: they are in different places, or of different sizes. */
   get apart() {
-    const [one, other] = this.assets.map(({sphere}) => sphere);
+    const [first, other] = this.assets.map(({sphere}) => sphere);
     if (!other) return false;
-    const gap = one.center.distanceTo(other.center);
-    return Math.max((gap + other.radius) / one.radius, (gap + one.radius) / other.radius) > APART;
+    const gap = first.center.distanceTo(other.center);
+    return Math.max((gap + other.radius) / first.radius, (gap + first.radius) / other.radius) > APART;
   }
 
   /** Parts by which a camera is fitted, of slots. */
@@ -117,16 +117,16 @@ export class Stage {
     return filled.length < 2 ? filled : {single: [0], other: [1]}[mode] ?? filled;
   }
 
-  /** Draws what a look {mode, slider, hottest, layer, lit, without} shows. */
-  draw(view, look) {
-    const {renderer} = this, [width, height] = renderer.getSize(new Vector2()).toArray(), shown = this.shownIn(look.mode);
-    this.assets.forEach((asset) => dress(asset, look));
-    const isPair = shown.length > 1, halves = isPair && look.mode === 'side', line = Math.round(look.slider * width);
+  /** Draws what settings {mode, slider, hottest, layer, lit, without} show. */
+  draw(view, settings) {
+    const {renderer} = this, [width, height] = renderer.getSize(new Vector2()).toArray(), shown = this.shownIn(settings.mode);
+    this.assets.forEach((asset) => dress(asset, settings));
+    const isPair = shown.length > 1, halves = isPair && settings.mode === 'side', line = Math.round(settings.slider * width);
     view.aim([halves ? width / 2 : width, height], this.reach);
     renderer.setScissorTest(false);
     renderer.setViewport(0, 0, width, height);
     renderer.clear();
-    if (isPair && look.mode === 'difference') return this.drawDifference(view, look);
+    if (isPair && settings.mode === 'difference') return this.drawDifference(view, settings);
     shown.forEach((slot, n) => {
       const [left, wide] = !isPair ? [0, width] : halves ? [n * width / 2, width / 2] : n ? [line, width - line] : [0, line];
       if (wide <= 0) return;
@@ -168,10 +168,10 @@ export class Stage {
     return out;
   }
 
-  /** How far both pictures of a look are apart: psnrOf(). The canvas needs to be drawn again. */
-  compare(view, look) {
+  /** How far both pictures of the settings are apart: psnrOf(). The canvas needs to be drawn again. */
+  compare(view, settings) {
     const [width, height] = this.renderer.getSize(new Vector2()).toArray();
-    this.assets.forEach((asset) => dress(asset, look));
+    this.assets.forEach((asset) => dress(asset, settings));
     view.aim([width, height], this.reach);
     this.renderer.setViewport(0, 0, width, height);
     return psnrOf(this.pixels(0, view), this.pixels(1, view));

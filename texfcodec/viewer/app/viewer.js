@@ -15,7 +15,7 @@ export class Viewer {
   constructor(canvas, source) {
     const {start} = source.about;
     Object.assign(this, {canvas, source, about: source.about, isSettled: false, timer: 0, frameAsked: 0, density: 1, compared: null});
-    this.look = {
+    this.settings = {
       mode: start?.mode ?? 'single', layer: start?.layer ?? 'picture', lit: start?.shaded ?? true, without: new Set(), slider: 0.5, hottest: HOTTEST,
       background: start?.background ?? BACKGROUNDS.Grey,
     };
@@ -78,7 +78,7 @@ export class Viewer {
       const asset = await this.source.open(file);
       say(asset.warnings.join('. '));
       this.show(asset, this.assets.length ? slot : 0);
-      if (slot === 1 && this.look.mode === 'single') this.switchMode('split');
+      if (slot === 1 && this.settings.mode === 'single') this.switchMode('split');
     } catch (error) {
       say(error.message);
     }
@@ -87,17 +87,17 @@ export class Viewer {
   /** Changes what is shown, and how. */
   change(changes) {
     const {isFitted} = this.view;
-    Object.assign(this.look, changes);
+    Object.assign(this.settings, changes);
     if (isFitted && 'mode' in changes) this.frame();
     this.touch();
   }
 
   switchMode(mode) {
-    if (this.assets.length > 1) this.change({mode: this.look.mode === mode ? 'single' : mode});
+    if (this.assets.length > 1) this.change({mode: this.settings.mode === mode ? 'single' : mode});
   }
 
   switchLight() {
-    if (this.assets.some(({isLit}) => isLit)) this.change({lit: !this.look.lit});
+    if (this.assets.some(({isLit}) => isLit)) this.change({lit: !this.settings.lit});
     else mention('No material here is lit.');
   }
 
@@ -142,9 +142,9 @@ export class Viewer {
 
   /** Frames what is shown. */
   frame() {
-    const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight], isHalf = this.look.mode === 'side' && this.assets.length > 1;
+    const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight], isHalf = this.settings.mode === 'side' && this.assets.length > 1;
     this.view.aim([isHalf ? width / 2 : width, height], this.stage.reach);
-    this.view.fit(this.stage.parts(this.stage.shownIn(this.look.mode)));
+    this.view.fit(this.stage.parts(this.stage.shownIn(this.settings.mode)));
   }
 
   lookFrom(number) {
@@ -193,7 +193,7 @@ export class Viewer {
   draw(density) {
     const begin = performance.now();
     this.setDensity(density);
-    this.stage.draw(this.view, this.look);
+    this.stage.draw(this.view, this.settings);
     this.stage.wait();
     this.follow();
     return performance.now() - begin;
@@ -202,7 +202,7 @@ export class Viewer {
   rest() {
     if (this.stage.renderer.getContext().isContextLost()) return;
     this.setDensity(1);
-    if (this.assets.length > 1) this.panel.compare.tell(this.stage.compare(this.view, this.look));
+    if (this.assets.length > 1) this.panel.compare.tell(this.stage.compare(this.view, this.settings));
     this.panel.tell(this.draw(1), this.stage.size);
     this.isSettled = true;
   }
@@ -213,19 +213,19 @@ export class Viewer {
   }
 
   follow() {
-    const {look, assets} = this, {left, width, top, height} = this.canvas.getBoundingClientRect(), isPair = assets.length > 1;
-    document.body.style.background = look.background;
+    const {settings, assets} = this, {left, width, top, height} = this.canvas.getBoundingClientRect(), isPair = assets.length > 1;
+    document.body.style.background = settings.background;
     const kinds = assets.map(({kind}) => (kind === 'mesh' ? 'source' : 'stream')), words = kinds[0] === kinds[1] ? ['first', 'second'] : kinds;
-    const halves = assets.map(({name}, n) => `${words[n]}: ${name}`), areTwo = look.mode === 'split' || look.mode === 'side';
+    const halves = assets.map(({name}, n) => `${words[n]}: ${name}`), areTwo = settings.mode === 'split' || settings.mode === 'side';
     const texts = !isPair ? [] : areTwo ? halves
-      : {single: [halves[0]], other: [halves[1]], difference: [`difference: 0 to ${look.hottest} of 255, RMS of R, G, B`]}[look.mode];
+      : {single: [halves[0]], other: [halves[1]], difference: [`difference: 0 to ${settings.hottest} of 255, RMS of R, G, B`]}[settings.mode];
     this.names.forEach((name, n) => Object.assign(name, {textContent: texts[n] ?? '', hidden: !texts[n]}));
     this.captions.hidden = !texts.length;
     this.captions.classList.toggle('alone', !areTwo);
-    this.captions.style.left = `${left + width * (look.mode === 'split' ? look.slider : 0.5)}px`;
-    this.line.hidden = !isPair || look.mode !== 'split';
-    Object.assign(this.line.style, {left: `${left + width * look.slider}px`, top: `${top}px`, height: `${height}px`});
-    this.line.setAttribute('aria-valuenow', Math.round(100 * look.slider));
+    this.captions.style.left = `${left + width * (settings.mode === 'split' ? settings.slider : 0.5)}px`;
+    this.line.hidden = !isPair || settings.mode !== 'split';
+    Object.assign(this.line.style, {left: `${left + width * settings.slider}px`, top: `${top}px`, height: `${height}px`});
+    this.line.setAttribute('aria-valuenow', Math.round(100 * settings.slider));
     this.panel.follow();
   }
 }
@@ -248,7 +248,7 @@ function lineOf(viewer) {
   line.addEventListener('keydown', (event) => {
     if (!(event.key in SLIDES)) return;
     event.preventDefault();
-    viewer.slide(viewer.look.slider + SLIDES[event.key]);
+    viewer.slide(viewer.settings.slider + SLIDES[event.key]);
   });
   line.addEventListener('pointerdown', (event) => line.setPointerCapture(event.pointerId));
   line.addEventListener('pointermove', (event) => {

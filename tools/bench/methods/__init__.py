@@ -88,13 +88,13 @@ def find(name, plugins=()):
 
 def versions_of(*packages):
     """Names and versions of installed packages, for Method.version(); of one that is not installed the name alone."""
-    found = []
+    versions = []
     for name in packages:
         try:
-            found.append(f"{name} {version(name)}")
+            versions.append(f"{name} {version(name)}")
         except PackageNotFoundError:
-            found.append(name)
-    return " ".join(found)
+            versions.append(name)
+    return " ".join(versions)
 
 
 def source_hash(*files):

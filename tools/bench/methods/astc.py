@@ -1,5 +1,5 @@
 """The GPU-resident rival UV-Source/ASTC: the source's own UVs and its textures in ASTC blocks, as a GPU holds them: those of the
-base colour, or the maps of whole materials with them, packed as glTF packs them (sheets.py).
+base colour, or the maps of whole materials with them, packed as glTF packs them (packed_maps.py).
 
 What counts is what a GPU would have to hold beside the geometry: 16 bytes a block of every image that a face uses, without mips
 and file headers, and two 16-bit numbers per vertex of a textured face. What is counted is what the decoder works with: it gets
@@ -21,13 +21,13 @@ from tools.bench.methods import (
     draco_mesh,
     hash_of,
     method,
+    packed_maps,
     parametrise,
-    sheets,
     source_hash,
     versions_of,
 )
+from tools.bench.methods.packed_maps import COLOUR, NORMAL, pack_maps, three_components, two_components
 from tools.bench.methods.parametrise import PARAMETRISATIONS, SOURCE_UVS, Request, reparametrised, side_of
-from tools.bench.methods.sheets import COLOUR, NORMAL, map_sheets, three_components, two_components
 
 DEFAULTS = {"block": "6x6", "quality": 98, "uv_bytes": "uint16", "profile": "ldr", "maps": "none", "normals": "xy",
             "parametrisation": "source"}
@@ -58,7 +58,7 @@ class Astc(Method):
 
     def version(self):
         """The versions of what codes and of new parametrisations, and a hash of further files that results depend on."""
-        files = (module.__file__ for module in (parametrise, sheets, draco_mesh))
+        files = (module.__file__ for module in (parametrise, packed_maps, draco_mesh))
         return f"{versions_of(*self.packages)} {parametrise.versions()} {source_hash(__file__, *files)}"
 
     def warm_up(self, options, threads):
@@ -73,10 +73,10 @@ class Astc(Method):
         with report.stage("parametrisation"):
             scene = _asked_scene(scene, codec.options, folder.parent, threads)
         images, textures = used_textures(scene)
-        sheets, placed = map_sheets(scene)
-        kinds = [COLOUR] * len(images) + [sheet.kind for sheet in sheets]
-        first, images = len(textures), [codec.shipped(image) for image in (*images, *(sheet.image for sheet in sheets))]
-        textures += [(len(images) - len(sheets) + n, sheet.wrap, "+".join(sheet.names)) for n, sheet in enumerate(sheets)]
+        packed, placed = pack_maps(scene)
+        kinds = [COLOUR] * len(images) + [image.kind for image in packed]
+        first, images = len(textures), [codec.shipped(image) for image in (*images, *(image.image for image in packed))]
+        textures += [(len(images) - len(packed) + n, image.wrap, "+".join(image.names)) for n, image in enumerate(packed)]
         vertex_uv, corner_vertex = textured_vertices(scene)
         if scene.corner_color is not None and (scene.corner_color != 1).any():
             report.warnings.append("vertex colours are handed through as they are and not counted")
@@ -170,7 +170,7 @@ class Codec:
         return image
 
     def enc_image(self, image, kind=COLOUR):
-        """The blocks, bytes, of an RGBA image uint8 [H, W, 4] of one of the kinds of sheets."""
+        """The blocks, bytes, of an RGBA image uint8 [H, W, 4] of one of the kinds of packed images."""
         height, width = image.shape[:2]
         image = two_components(image) if self._is_xy(kind) else image
         data = np.ascontiguousarray(image, np.uint8).tobytes()

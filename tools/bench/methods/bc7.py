@@ -10,7 +10,7 @@ from PIL import Image
 
 from tools.bench.methods import checked_options, method
 from tools.bench.methods.astc import HANDLING, Astc, texture_bytes
-from tools.bench.methods.sheets import COLOUR, NORMAL, three_components, two_components
+from tools.bench.methods.packed_maps import COLOUR, NORMAL, three_components, two_components
 
 DEFAULTS = {"halvings": 0, "uber": 4, "uv_bytes": "uint16", "maps": "none", "parametrisation": "source"}
 BLOCK = (4, 4)
@@ -55,7 +55,7 @@ class Codec:
         return image
 
     def enc_image(self, image, kind=COLOUR):
-        """The blocks, bytes, of an RGBA image uint8 [H, W, 4] of one of the kinds of sheets; sides go on to whole blocks."""
+        """The blocks, bytes, of an RGBA image uint8 [H, W, 4] of a kind of packed images; sides go on to whole blocks."""
         height, width = image.shape[:2]
         image = two_components(image)[..., [0, 3, 0, 3]] if kind == NORMAL else image
         image = np.pad(image, ((0, -height % BLOCK[1]), (0, -width % BLOCK[0]), (0, 0)), mode="edge")

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from texfcodec.encoder.values.shown_maps import SAME_FRAME, turn_of
+from texfcodec.encoder.values.shown_maps import SAME_FRAME, frame_rotation
 from texfcodec.geometry.draco import COMPRESSION_LEVEL
 from texfcodec.geometry.surface import make_surface
 from texfcodec.options import EncodeOptions
@@ -49,14 +49,14 @@ class Rival:
 
 
 def _images_of(material, with_maps):
-    """{texture: columns that are asked} of a Material."""
-    asked = {}
+    """{texture: columns that are referenced} of a Material."""
+    referenced = {}
     if material.texture >= 0:
-        asked[material.texture] = {0, 1, 2} | ({ALPHA} if material.alpha_mode != ALPHA_OPAQUE else set())
+        referenced[material.texture] = {0, 1, 2} | ({ALPHA} if material.alpha_mode != ALPHA_OPAQUE else set())
     for name, texture in material.maps.items() if with_maps else ():
         columns = {0, 1, 2} if BY_NAME[name].unit == "degrees" else channel_over(name, True).columns
-        asked[texture] = asked.get(texture, set()) | set(columns)
-    return asked
+        referenced[texture] = referenced.get(texture, set()) | set(columns)
+    return referenced
 
 
 def rival_of(scene, position_bits=POSITION_BITS, with_maps=False):
@@ -70,12 +70,12 @@ def rival_of(scene, position_bits=POSITION_BITS, with_maps=False):
                      map_uv={name: uv[pick] for name, uv in scene.map_uv.items()}, **frames)
     images, content, columns = {}, [None] * len(scene.textures), {}
     for material in (scene.materials[m] for m in np.unique(surface.material)):
-        for texture, asked in _images_of(material, with_maps).items():
+        for texture, referenced in _images_of(material, with_maps).items():
             image = scene.textures[texture].image
             key = content[texture] = hashlib.sha256(repr(image.shape).encode() + image.tobytes()).hexdigest()
             images[key] = image
-            seen = ALPHA in asked and (with_maps or (image[:, :, ALPHA] != 255).any())
-            columns[key] = columns.get(key, set()) | (asked if seen else asked - {ALPHA})
+            seen = ALPHA in referenced and (with_maps or (image[:, :, ALPHA] != 255).any())
+            columns[key] = columns.get(key, set()) | (referenced if seen else referenced - {ALPHA})
     return Rival(placed, surface.lattice, images, content, columns, with_maps)
 
 
@@ -89,14 +89,14 @@ def upright(scene):
         for name, texture in material.maps.items():
             if BY_NAME[name].unit == "degrees":
                 users.setdefault(texture, set()).add(number)
-    turns = {n: turn_of(scene, surface, np.flatnonzero(surface.material == n)) for n in set().union(*users.values(), ())}
+    turns = {n: frame_rotation(scene, surface, np.flatnonzero(surface.material == n)) for n in set().union(*users.values(), ())}
     over = {n for n, turn in turns.items() if turn is not None and np.abs(turn - np.diag([1, -1])).max() <= SAME_FRAME}
-    mine = [t for t, numbers in users.items() if numbers <= over]
-    if not mine or any(numbers & over and not numbers <= over for numbers in users.values()):
+    own = [t for t, numbers in users.items() if numbers <= over]
+    if not own or any(numbers & over and not numbers <= over for numbers in users.values()):
         return scene
     tangent, textures = scene.corner_tangent.copy(), list(scene.textures)
     tangent[np.isin(scene.face_material, list(over)), :, 3] *= -1
-    for t in mine:
+    for t in own:
         image = textures[t].image.copy()
         image[..., 1] = 255 - image[..., 1]
         textures[t] = replace(textures[t], image=image)
@@ -181,10 +181,10 @@ def dec_mesh(data):
     mesh = DracoPy.decode(data)
     faces = np.asarray(mesh.faces, np.int64)
     generic = {a["unique_id"]: a["data"] for a in mesh.attributes if a["attribute_type"] == GENERIC}
-    found = {"vertex": mesh.points, "uv": mesh.tex_coord, "normal": mesh.normals, "tangent": generic.get(TANGENT_ID),
-             "colour": mesh.colors if mesh.colors is not None else generic.get(COLOUR_ID)}
+    attributes = {"vertex": mesh.points, "uv": mesh.tex_coord, "normal": mesh.normals, "tangent": generic.get(TANGENT_ID),
+                  "colour": mesh.colors if mesh.colors is not None else generic.get(COLOUR_ID)}
     out = {}
-    for name, values in found.items():
+    for name, values in attributes.items():
         if values is None or not np.size(values):
             continue
         values = np.asarray(values, np.float64)

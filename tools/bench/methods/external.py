@@ -50,8 +50,8 @@ class External(TexfMethod):
     def version(self):
         """The path and time of TMC13, whose own version needs a run, and a hash of further files that results depend on."""
         program = program_of({}, VARIABLE, NAME)
-        found = f"{program[0]} {os.path.getmtime(program[0])} " if program else ""
-        return f"{found}{super().version()} " + source_hash(texf.__file__, voxels.__file__, programs.__file__)
+        program_state = f"{program[0]} {os.path.getmtime(program[0])} " if program else ""
+        return f"{program_state}{super().version()} " + source_hash(texf.__file__, voxels.__file__, programs.__file__)
 
     def missing(self, options):
         """As Method.missing."""
@@ -69,42 +69,42 @@ class External(TexfMethod):
     def encode(self, scene, options, folder, threads, report):
         """Writes STREAM without values, STREAM_FILE of every field, and what the program leaves. LookupError: the program is not
         there. ProgramError: it failed or took too long. ValueError: an option is out of range, or other points came back."""
-        asked = checked(options)
-        if sentence := self.missing(asked):
+        chosen = checked(options)
+        if sentence := self.missing(chosen):
             raise LookupError(sentence)
-        given = {"resolution": asked["resolution"], "threads": threads, "position_bits": asked["position_bits"]}
+        given = {"resolution": chosen["resolution"], "threads": threads, "position_bits": chosen["position_bits"]}
         prepared = voxel_values(scene, given, report)
         if any("alpha" in part.planes for part in prepared.fields):
             report.warnings.append("alpha is not coded: the program takes points of three colours")
         with report.stage("geometry"):
             sizes = dict(zip(("geometry", "other"), write_mesh(prepared, folder, report), strict=True))
-        config = [f"--config={asked['config']}"] if asked["config"] else [*GEOMETRY, *TRANSFORMS[asked["transform"]]]
+        config = [f"--config={chosen['config']}"] if chosen["config"] else [*GEOMETRY, *TRANSFORMS[chosen["transform"]]]
         sizes["texture"] = 0
         with report.stage("program"):
             for number, part in enumerate(prepared.fields):
                 cloud, stream, decoded = (folder / name.format(number) for name in (CLOUD, STREAM_FILE, RECONSTRUCTION))
                 write_ply(cloud, part.support.xyz(), rgba_of(part)[:, :3])
                 words = ["--mode=0", f"--uncompressedDataPath={cloud}", f"--compressedStreamPath={stream}",
-                         f"--reconstructedDataPath={decoded}", *config, f"--qp={asked['qp']}", "--bitdepth=8",
+                         f"--reconstructedDataPath={decoded}", *config, f"--qp={chosen['qp']}", "--bitdepth=8",
                          "--attribute=color"]
-                run_program([*program_of(asked, VARIABLE, NAME), *words], folder / LOG, asked["seconds"])
+                run_program([*program_of(chosen, VARIABLE, NAME), *words], folder / LOG, chosen["seconds"])
                 cloud.unlink()
                 sizes["texture"] += counted_bytes(stream)
         with report.stage("reconstruction"):
             fields = self._fields(prepared.fields, folder)
-        return {"bytes": {"total": sum(sizes.values()), **sizes}, **asked, "voxels": sum(len(part.keys) for part in fields),
+        return {"bytes": {"total": sum(sizes.values()), **sizes}, **chosen, "voxels": sum(len(part.keys) for part in fields),
                 "reconstruction_sha256": self.values_sha256(SimpleNamespace(fields=fields))}
 
     def decode(self, folder, options, threads, report):
         """The Texf of STREAM with the program's colours."""
-        asked = checked(options)
+        chosen = checked(options)
         decoded = super().decode(folder, {}, threads, report)
         with report.stage("program"):
             for number in range(len(decoded.fields)):
                 stream, points = (folder / name.format(number) for name in (STREAM_FILE, RECONSTRUCTION))
                 points.unlink(missing_ok=True)  # the encoder's own is not what counts
-                run_program([*program_of(asked, VARIABLE, NAME), "--mode=1", f"--compressedStreamPath={stream}",
-                             f"--reconstructedDataPath={points}", "--convertPlyColourspace=1"], folder / LOG, asked["seconds"])
+                run_program([*program_of(chosen, VARIABLE, NAME), "--mode=1", f"--compressedStreamPath={stream}",
+                             f"--reconstructedDataPath={points}", "--convertPlyColourspace=1"], folder / LOG, chosen["seconds"])
         decoded.fields = self._fields(decoded.fields, folder)
         return decoded
 
@@ -164,8 +164,8 @@ def read_colours(path, keys):
     whole = np.rint(xyz)
     if len(xyz) != len(keys) or not (np.abs(whole) < 1 << 16).all() or (whole < 0).any():
         raise ValueError(f"the program decoded {len(xyz)} points where {len(keys)} were coded, or some are outside of the grid")
-    found = encode_morton(whole.astype(np.int64))
-    order = np.argsort(found, kind="stable")
-    if not np.array_equal(found[order], keys):
+    file_keys = encode_morton(whole.astype(np.int64))
+    order = np.argsort(file_keys, kind="stable")
+    if not np.array_equal(file_keys[order], keys):
         raise ValueError("the program decoded points at other places than were coded")
     return np.column_stack([rgb[order], np.full(len(keys), 255, np.uint8)])

@@ -155,10 +155,10 @@ def checked(path, source=None, shrink=1, slack=0):
     except TexfError as error:
         raise ValueError(f"{path.name} cannot be read: {error}") from error
     if source is not None:
-        found, wanted = sorted({id(t.image): t.image.shape[1::-1] for t in scene.textures}.values()), sorted(source.sizes)
-        off = np.abs(np.array(found) - np.array(wanted) / shrink) if len(found) == len(wanted) else np.inf
+        sizes, wanted = sorted({id(t.image): t.image.shape[1::-1] for t in scene.textures}.values()), sorted(source.sizes)
+        off = np.abs(np.array(sizes) - np.array(wanted) / shrink) if len(sizes) == len(wanted) else np.inf
         if np.max(off, initial=0) > slack:
-            raise ValueError(f"{path.name} has images of {found}, where those of {wanted} were to be divided by {shrink}")
+            raise ValueError(f"{path.name} has images of {sizes}, where those of {wanted} were to be divided by {shrink}")
     if not len(scene.faces):
         raise ValueError(f"{path.name} has no faces")
     return scene

@@ -93,8 +93,8 @@ class GltfProgram(Method):
             write_document(document_of(source, images), folder / SOURCE)
             self.run(source, options | {"threads": threads}, folder, WHOLE)
         with report.stage("check"):
-            made = checked(folder / WHOLE, source, options["shrink"], 0 if kept else self.slack(options))
-        return facts_of(folder, made) | self.further_facts(folder)
+            document = checked(folder / WHOLE, source, options["shrink"], 0 if kept else self.slack(options))
+        return facts_of(folder, document) | self.further_facts(folder)
 
     def decode(self, folder, options, threads, report):
         """The Scene of WHOLE, by our loader."""

@@ -198,8 +198,8 @@ def _enc_hevc(image, quality, chroma, threads):
     context = av.CodecContext.create("libx265", "w")
     context.width, context.height, context.pix_fmt = image.shape[1], image.shape[0], form
     context.time_base, context.thread_count = Fraction(1), 1
-    asked = f"qp={quality}:ipratio=1.0:info=0:keyint=1:psy-rd=0:psy-rdoq=0:pools=none:frame-threads=1:log-level=none"
-    context.options = {"preset": PRESET, "x265-params": asked}
+    x265_params = f"qp={quality}:ipratio=1.0:info=0:keyint=1:psy-rd=0:psy-rdoq=0:pools=none:frame-threads=1:log-level=none"
+    context.options = {"preset": PRESET, "x265-params": x265_params}
     return b"".join(bytes(packet) for packet in [*context.encode(_frame(planes, form)), *context.encode(None)])
 
 

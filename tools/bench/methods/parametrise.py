@@ -39,7 +39,7 @@ from tools.bench.methods.image_codecs import RIVALS
 SOURCE_UVS, PARAMETRISATIONS = "source", ("source", "uvatlas", "xatlas")
 POSITION_BITS = 14
 SECONDS = 1800.0
-GUTTER = 4  # texels between charts, as io/atlas/quality.py asks xatlas for
+PADDING = 4  # texels between charts, as io/atlas/quality.py asks xatlas for
 LEAST_SIDE, MOST_SIDE = 16, 16384
 NOT_LOADED = 3  # status of the child process
 _CHILD = "from tools.bench.methods.parametrise import _child; _child()"
@@ -105,9 +105,9 @@ def reparametrised(scene, request, keep, threads=1):
         baked = bake(shown, atlas=Atlas(corner_uv, request.side, request.side, request.parametrisation, 0.0))
         return {"corner_uv": corner_uv, "image": baked.image, "seconds": time.perf_counter() - begin}
 
-    made = _kept(keep / f"atlas-{_key(scene, request)}.npz", make)
-    textures = [Texture(made["image"], (WRAP_CLAMP, WRAP_CLAMP), request.parametrisation)]
-    return replace(placed, corner_uv=made["corner_uv"], textures=textures), round(float(made["seconds"]), 6)
+    atlas = _kept(keep / f"atlas-{_key(scene, request)}.npz", make)
+    textures = [Texture(atlas["image"], (WRAP_CLAMP, WRAP_CLAMP), request.parametrisation)]
+    return replace(placed, corner_uv=atlas["corner_uv"], textures=textures), round(float(atlas["seconds"]), 6)
 
 
 def _kept(path, make):
@@ -185,12 +185,12 @@ def matched(source, decoded):
 
 def _plain_materials(scene):
     """(Materials that show an image as it is, number of its new one by material of the scene): alike ones become one."""
-    looks = [(m.alpha_mode, m.alpha_cutoff if m.alpha_mode != ALPHA_OPAQUE else 0.5, m.double_sided, m.unlit)
+    kinds = [(m.alpha_mode, m.alpha_cutoff if m.alpha_mode != ALPHA_OPAQUE else 0.5, m.double_sided, m.unlit)
              for m in scene.materials]
-    kept = list(dict.fromkeys(looks))
+    kept = list(dict.fromkeys(kinds))
     materials = [Material("atlas", texture=0, alpha_mode=mode, alpha_cutoff=cutoff, double_sided=double, unlit=unlit)
                  for mode, cutoff, double, unlit in kept]
-    return materials, np.array([kept.index(look) for look in looks], np.int64)
+    return materials, np.array([kept.index(kind) for kind in kinds], np.int64)
 
 
 @dataclass
@@ -273,7 +273,7 @@ def _child():
     with np.load(io.BytesIO(sys.stdin.buffer.read())) as request:
         points, faces, side = request["points"], request["faces"], int(request["side"])
     mesh = open3d.t.geometry.TriangleMesh(open3d.core.Tensor(points), open3d.core.Tensor(faces))
-    mesh.compute_uvatlas(size=side, gutter=float(GUTTER))
+    mesh.compute_uvatlas(size=side, gutter=float(PADDING))
     reply = io.BytesIO()
     np.savez(reply, uv=mesh.triangle["texture_uvs"].numpy())
     replies.write(reply.getvalue())

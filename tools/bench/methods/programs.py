@@ -28,11 +28,11 @@ def program_of(options, variable, name):
     name; None where there is none. What options or the variable hold may be several words, as in "node cli.js"."""
     given = options.get("program") or os.environ.get(variable)
     if not given:
-        found = shutil.which(name)
-        return (found,) if found else None
+        path = shutil.which(name)
+        return (path,) if path else None
     words = (given,) if Path(given).is_file() else tuple(shlex.split(given))
-    found = shutil.which(words[0]) if words else None
-    return (found, *words[1:]) if found else None
+    path = shutil.which(words[0]) if words else None
+    return (path, *words[1:]) if path else None
 
 
 def run_program(command, log, seconds):

@@ -85,27 +85,27 @@ class Sdf(TexfMethod):
 
     def encode(self, scene, options, folder, threads, report):
         """Writes DISTANCES and FIELD. ValueError: the scene has no inside, or an option is out of range."""
-        asked = checked(options)
+        chosen = checked(options)
         if any(m.alpha_mode != ALPHA_OPAQUE for m in scene.materials):
             report.warnings.append("the surface of a solid is opaque: what shines through in the source does not here")
         with report.stage("distances"):
-            data, lost = enc_solid(scene, asked["grid"], asked["steps"])
+            data, lost = enc_solid(scene, chosen["grid"], chosen["steps"])
         with report.stage("marching cubes"):
             mesh = dec_solid(data)
-        settings = settings_of(asked, threads)
+        settings = settings_of(chosen, threads)
         prepared = Encoder(scene=mesh).filled(settings, report)
         with report.stage("colours"):
             colours = colour_planes(fetched(scene, prepared, threads), prepared.source)
             fields = [prepared.fields[0].with_planes(colours)]
             source = prepared.source._replace(groups=with_grey(prepared.source.groups, fields))
-        made = write(replace(prepared, fields=fields, source=source), report)
-        field = without_mesh(made.data, prepared.geometry[0]["draco_data"])
+        written = write(replace(prepared, fields=fields, source=source), report)
+        field = without_mesh(written.data, prepared.geometry[0]["draco_data"])
         (folder / DISTANCES).write_bytes(data)
         (folder / FIELD).write_bytes(field)
-        return {"bytes": {"total": len(data) + len(field), "geometry": len(data), "attributes": made.sizes["attributes"],
-                          "other": len(field) - made.sizes["attributes"]},
-                "reconstruction_sha256": made.reconstruction_sha256, **asked, **made.counts, "lost_share": lost,
-                "draco_bytes": made.sizes["geometry"]}
+        return {"bytes": {"total": len(data) + len(field), "geometry": len(data), "attributes": written.sizes["attributes"],
+                          "other": len(field) - written.sizes["attributes"]},
+                "reconstruction_sha256": written.reconstruction_sha256, **chosen, **written.counts, "lost_share": lost,
+                "draco_bytes": written.sizes["geometry"]}
 
     def decode(self, folder, options, threads, report):
         """The Texf over the mesh that marching cubes make of DISTANCES."""
@@ -124,9 +124,9 @@ def checked(options):
     return checked_options(options, DEFAULTS, RANGES, {})
 
 
-def settings_of(asked, threads):
+def settings_of(chosen, threads):
     """The EncodeOptions of the field."""
-    kept = {name: asked[name] for name in ("resolution", "qp", "position_bits", "effort")}
+    kept = {name: chosen[name] for name in ("resolution", "qp", "position_bits", "effort")}
     return EncodeOptions(**PREPARED, partition="off", threads=threads, **kept)
 
 
@@ -247,7 +247,7 @@ def fetched(scene, prepared, threads):
     """Colours of the voxels of the one field of Prepared, float32 [N, 4] in 0..255: means over its surface of the Scene's."""
     surface, part = prepared.surface, prepared.fields[0]
     lattice, faces = prepared.source.surfaces[0]
-    corners, asked = surface.cube.to_world(lattice)[faces], MeshColours(scene, threads)
+    corners, colours = surface.cube.to_world(lattice)[faces], MeshColours(scene, threads)
     normals, keys, size = face_normals(corners), part.keys, part.support.size
     sums = np.zeros((len(keys), 5))
     for points, face, bary, share in surface_samples(lattice, faces, surface.cube.position_bits, size, SAMPLES_PER_VOXEL_EDGE):
@@ -255,7 +255,7 @@ def fetched(scene, prepared, threads):
         rank = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
         kept = keys[rank] == key
         rank, face, share = rank[kept], face[kept], share[kept]
-        colour = asked.query(np.einsum("mk,mkc->mc", bary[kept], corners[face]), normals[face])
+        colour = colours.query(np.einsum("mk,mkc->mc", bary[kept], corners[face]), normals[face])
         for column in range(4):
             sums[:, column] += np.bincount(rank, share * colour[:, column], len(keys))
         sums[:, 4] += np.bincount(rank, share, len(keys))

@@ -44,25 +44,25 @@ class Serialized(TexfMethod):
 
     def version(self):
         """The versions of the image codecs, and a hash of further files that results depend on."""
-        found = [image_codecs.versions(codec) for codec in CODECS if codec != "astc"]
+        versions = [image_codecs.versions(codec) for codec in CODECS if codec != "astc"]
         files = (module.__file__ for module in (image_codecs, space_filling, texf, voxels))
-        return " ".join([Astc().version(), *found, source_hash(*files)])
+        return " ".join([Astc().version(), *versions, source_hash(*files)])
 
     def missing(self, options):
         """As Method.missing: of the image codec."""
         options = DEFAULTS | options
         if options["codec"] != "astc":
             return image_codecs.missing(options["codec"]) if options["codec"] in CODECS else None
-        found = find_spec("astc_encoder")
-        return None if found else "astc needs astc-encoder-py; pip install \"texfcodec[baselines]\" brings it"
+        spec = find_spec("astc_encoder")
+        return None if spec else "astc needs astc-encoder-py; pip install \"texfcodec[baselines]\" brings it"
 
     def warm_up(self, options, threads):
         """Loads the image codec and the kernels that voxels need."""
         from texfcodec.precompile import small_scene
         from texfcodec.report import Report
 
-        asked = checked(options)
-        coder = image_coder(asked, threads)
+        chosen = checked(options)
+        coder = image_coder(chosen, threads)
         coder.dec(coder.enc(np.zeros((WARM_SIDE, WARM_SIDE, 4), np.uint8)), WARM_SIDE, WARM_SIDE)
         voxel_values(small_scene(), {"resolution": WARM_SIDE, "threads": threads}, Report())
 
@@ -70,48 +70,48 @@ class Serialized(TexfMethod):
         """Writes STREAM without values, IMAGE, and for ASTC ADDRESSES of every field.
 
         ValueError: an option is out of range, or the image came back in another size."""
-        asked = checked(options)
-        given = {"resolution": asked["resolution"], "threads": threads, "position_bits": asked["position_bits"]}
+        chosen = checked(options)
+        given = {"resolution": chosen["resolution"], "threads": threads, "position_bits": chosen["position_bits"]}
         prepared = voxel_values(scene, given, report)
         with report.stage("geometry"):
             sizes = dict(zip(("geometry", "other"), write_mesh(prepared, folder, report), strict=True))
-        coder = image_coder(asked, threads)
+        coder = image_coder(chosen, threads)
         with report.stage("serialise"):
-            order = orders(prepared.fields, asked["curve"])
+            order = orders(prepared.fields, chosen["curve"])
             values = np.concatenate([rgba_of(part)[along] for part, (along, _) in zip(prepared.fields, order, strict=True)])
-            image = to_image(values, asked["tile"], asked["curve"])
+            image = to_image(values, chosen["tile"], chosen["curve"])
         with report.stage("image"):
-            has_alpha = asked["codec"] == "astc" or any("alpha" in part.planes for part in prepared.fields)
+            has_alpha = chosen["codec"] == "astc" or any("alpha" in part.planes for part in prepared.fields)
             coded = {IMAGE: coder.enc(image if has_alpha else image[..., :3])}
-        if asked["codec"] == "astc":
+        if chosen["codec"] == "astc":
             with report.stage("addressing"):
                 coded |= {ADDRESSES.format(number): enc_octree(keys, octree_depth(part.support.size))
                           for number, ((_, keys), part) in enumerate(zip(order, prepared.fields, strict=True))}
         for name, data in coded.items():
             (folder / name).write_bytes(data)
         with report.stage("reconstruction"):
-            fields = self._fields(prepared.fields, folder, asked, coder)
+            fields = self._fields(prepared.fields, folder, chosen, coder)
         sizes["texture"] = len(coded[IMAGE])
         sizes["addressing"] = sum(map(len, coded.values())) - sizes["texture"]
-        return {"bytes": {"total": sum(sizes.values()), **sizes}, **asked,
+        return {"bytes": {"total": sum(sizes.values()), **sizes}, **chosen,
                 "reconstruction_sha256": self.values_sha256(SimpleNamespace(fields=fields)), "image": list(image.shape[1::-1]),
                 "voxels": len(values), "fields": len(fields)}
 
     def decode(self, folder, options, threads, report):
         """The Texf of STREAM with the image's values in its voxels."""
-        decoded, asked = super().decode(folder, options, threads, report), checked(options)
+        decoded, chosen = super().decode(folder, options, threads, report), checked(options)
         with report.stage("image"):
-            decoded.fields = self._fields(decoded.fields, folder, asked, image_coder(asked, threads))
+            decoded.fields = self._fields(decoded.fields, folder, chosen, image_coder(chosen, threads))
         return decoded
 
-    def _fields(self, parts, folder, asked, coder):
+    def _fields(self, parts, folder, chosen, coder):
         """Fields over the supports of parts with what the coded images hold."""
-        layout = asked["tile"], asked["curve"]
+        layout = chosen["tile"], chosen["curve"]
         count = sum(len(part.support) for part in parts)
-        size = image_size(count, asked["tile"])
+        size = image_size(count, chosen["tile"])
         values = from_image(coder.dec((folder / IMAGE).read_bytes(), *size), count, *layout)
         rgba, begin = [], 0
-        for along, _ in orders(parts, asked["curve"]):
+        for along, _ in orders(parts, chosen["curve"]):
             rgba.append(np.empty((len(along), 4), np.uint8))
             rgba[-1][along] = values[begin : begin + len(along)]
             begin += len(along)
@@ -147,11 +147,12 @@ def enc_octree(keys, bits):
     return np.hstack([counts[:, None].view(np.uint8), masks]).tobytes()
 
 
-def image_coder(asked, threads):
+def image_coder(chosen, threads):
     """What codes an image: enc(image uint8 [H, W, 4]) -> bytes, dec(bytes, width, height) -> image. LookupError says what is not
     installed."""
-    if asked["codec"] == "astc":
-        blocks = Codec({name: asked[name] for name in ASTC_OPTIONS}, threads)
+    if chosen["codec"] == "astc":
+        blocks = Codec({name: chosen[name] for name in ASTC_OPTIONS}, threads)
         return SimpleNamespace(enc=blocks.enc_image, dec=blocks.dec_image)
-    return SimpleNamespace(enc=lambda image: image_codecs.enc_image(image, asked["codec"], asked["qp"], asked["chroma"], threads),
-                           dec=lambda data, width, height: image_codecs.dec_image(data, asked["codec"], width, height))
+    codec, qp, chroma = chosen["codec"], chosen["qp"], chosen["chroma"]
+    return SimpleNamespace(enc=lambda image: image_codecs.enc_image(image, codec, qp, chroma, threads),
+                           dec=lambda data, width, height: image_codecs.dec_image(data, codec, width, height))

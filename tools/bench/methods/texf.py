@@ -65,19 +65,19 @@ class TexfMethod(Method):
 
         settings = EncodeOptions(**{k: v for k, v in options.items() if k != "density"}, threads=threads)
         with transfer_density(options.get("density")):
-            made = encode_to_result(scene, settings, report)
-        (folder / STREAM).write_bytes(made.data)
-        asked, sizes = {"resolution": made.resolution, "qp": made.qp}, made.sizes
-        if "resident" in made.choices:
-            asked = {"resolution": made.resolution, "fit": made.choices["fit"], "file_bytes": sizes}
-            sizes = {"geometry": sizes["geometry"], **made.choices["resident"]}
+            encoded = encode_to_result(scene, settings, report)
+        (folder / STREAM).write_bytes(encoded.data)
+        chosen, sizes = {"resolution": encoded.resolution, "qp": encoded.qp}, encoded.sizes
+        if "resident" in encoded.choices:
+            chosen = {"resolution": encoded.resolution, "fit": encoded.choices["fit"], "file_bytes": sizes}
+            sizes = {"geometry": sizes["geometry"], **encoded.choices["resident"]}
             sizes["total"] += sizes["geometry"]
-        elif made.counts["faces"]:
+        elif encoded.counts["faces"]:
             alone = min(geometry_bytes(scene, settings.position_bits), sizes["geometry"])
             sizes = sizes | {"geometry": alone, "placement": sizes["geometry"] - alone}
-        return {"bytes": sizes, "reconstruction_sha256": made.reconstruction_sha256, **made.counts,
-                "texels_per_voxel_edge": made.texels_per_voxel_edge, "refinement": made.choices["refinement"],
-                "supports": [group["chosen"] for group in made.choices["supports"]["groups"]], **asked}
+        return {"bytes": sizes, "reconstruction_sha256": encoded.reconstruction_sha256, **encoded.counts,
+                "texels_per_voxel_edge": encoded.texels_per_voxel_edge, "refinement": encoded.choices["refinement"],
+                "supports": [group["chosen"] for group in encoded.choices["supports"]["groups"]], **chosen}
 
     def decode(self, folder, options, threads, report):
         """The Texf of STREAM."""

@@ -49,9 +49,9 @@ class Uv(Method):
 
     def version(self):
         """The versions of all encoders, of open3d and of xatlas, and a hash of further files that results depend on."""
-        found = dict.fromkeys(image_codecs.versions(codec) for codec in image_codecs.CODECS)
+        versions = dict.fromkeys(image_codecs.versions(codec) for codec in image_codecs.CODECS)
         code = source_hash(*(module.__file__ for module in (image_codecs, parametrise, draco_mesh)))
-        return " ".join([*found, parametrise.versions(), code])
+        return " ".join([*versions, parametrise.versions(), code])
 
     def missing(self, options):
         """As Method.missing."""
@@ -173,15 +173,15 @@ def enc_meshes(rival, bits, options):
     parts, part_bits = corner_parts(rival, bits, options)
 
     def coded(chosen):
-        mine = {name: part[chosen] for name, part in parts.items() if name != "uv" or rival.textured[chosen].any()}
-        return enc_mesh(rival.lattice, faces[chosen], mine, part_bits)
+        attributes = {name: part[chosen] for name, part in parts.items() if name != "uv" or rival.textured[chosen].any()}
+        return enc_mesh(rival.lattice, faces[chosen], attributes, part_bits)
 
     apart = [np.flatnonzero(material == m) for m in np.unique(material)]
     ways = [[np.arange(len(faces))]] + ([apart] if len(apart) > 1 else [])
-    made = [[coded(chosen) for chosen in way] for way in ways]
-    best = min(range(len(made)), key=lambda n: sum(map(len, made[n])))
+    meshes = [[coded(chosen) for chosen in way] for way in ways]
+    best = min(range(len(meshes)), key=lambda n: sum(map(len, meshes[n])))
     order, turns = [], []
-    for chosen, data in zip(ways[best], made[best], strict=True):
+    for chosen, data in zip(ways[best], meshes[best], strict=True):
         back = dec_mesh(data)
         ours = np.concatenate([rival.lattice[faces[chosen]], *([parts["uv"][chosen]] if "uv" in back else [])], axis=2)
         face, turn = parametrise.matched(ours, np.concatenate([back[name] for name in ("vertex", "uv") if name in back], axis=2))
@@ -193,8 +193,8 @@ def enc_meshes(rival, bits, options):
         colour = rival.scene.corner_color[order[:, None], (np.arange(3) + turn[:, None]) % 3]
     low, side = uv_boxes(rival)
     alpha = float(parts["colour"][0, 0, 3]) / ((1 << options["colour_bits"]) - 1) if "colour" in parts else 1.0
-    return made[best], {"meshes": len(made[best]), "uv_bits": bits, "uv_low": low, "uv_side": side, "colour_alpha": alpha,
-                        "face_material": material[order], "corner_color": colour}
+    return meshes[best], {"meshes": len(meshes[best]), "uv_bits": bits, "uv_low": low, "uv_side": side, "colour_alpha": alpha,
+                          "face_material": material[order], "corner_color": colour}
 
 
 def dec_meshes(folder, layout):
@@ -204,19 +204,19 @@ def dec_meshes(folder, layout):
     lattice, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     low, side = (layout[name][layout["face_material"]] for name in ("uv_low", "uv_side"))
     share = np.concatenate([mesh.get("uv", np.zeros((len(mesh["vertex"]), 3, 2))) for mesh in meshes])
-    looks = {"corner_uv": low[:, None] + share / ((1 << layout["uv_bits"]) - 1) * side[:, None, None],
-             "corner_color": layout["corner_color"]}
+    attributes = {"corner_uv": low[:, None] + share / ((1 << layout["uv_bits"]) - 1) * side[:, None, None],
+                  "corner_color": layout["corner_color"]}
     if "colour" in meshes[0]:
         colours = [np.full((len(mesh["vertex"]), 3, 4), layout["colour_alpha"], np.float32) for mesh in meshes]
         for mesh, colour in zip(meshes, colours, strict=True):
             colour[..., : mesh["colour"].shape[2]] = mesh["colour"] / ((1 << layout["colour_bits"]) - 1)
-        looks["corner_color"] = np.concatenate(colours)
+        attributes["corner_color"] = np.concatenate(colours)
     if "normal" in meshes[0]:
-        looks["corner_normal"] = np.concatenate([mesh["normal"] for mesh in meshes]).astype(np.float32)
+        attributes["corner_normal"] = np.concatenate([mesh["normal"] for mesh in meshes]).astype(np.float32)
     if "tangent" in meshes[0]:
         tangent = np.concatenate([mesh["tangent"] for mesh in meshes])
-        looks["corner_tangent"] = draco_mesh.dequantise_tangent(tangent, layout["tangent_bits"])
-    return lattice, index.reshape(-1, 3), looks
+        attributes["corner_tangent"] = draco_mesh.dequantise_tangent(tangent, layout["tangent_bits"])
+    return lattice, index.reshape(-1, 3), attributes
 
 
 # Images.
@@ -227,16 +227,16 @@ def enc_images(rival, options, threads):
     out, sizes = [], []
     scale = options["scale"] if options["parametrisation"] == parametrise.SOURCE_UVS else 1
     for key, image in rival.images.items():
-        asked = sorted(rival.columns[key])
+        components = sorted(rival.columns[key])
         if rival.with_maps:
             image = image.copy()
-            image[..., [c for c in range(3) if c not in asked]] = 0
-            if len(asked) == 1 and asked != [3]:
-                image[..., :3] = image[..., asked]
-        image = np.ascontiguousarray(image if 3 in asked else image[..., :3])
+            image[..., [c for c in range(3) if c not in components]] = 0
+            if len(components) == 1 and components != [3]:
+                image[..., :3] = image[..., components]
+        image = np.ascontiguousarray(image if 3 in components else image[..., :3])
         if scale != 1:
             image = resized(image, [max(1, round(side * scale)) for side in image.shape[1::-1]], rival.with_maps)
-        out.append(_coded(image, asked, options, threads))
+        out.append(_coded(image, components, options, threads))
         sizes.append(image.shape[1::-1])
     return out, {"images": sizes}
 
@@ -248,15 +248,16 @@ def resized(image, size, alpha_is_data):
     return np.dstack([np.asarray(part) for part in small])
 
 
-def _coded(image, asked, options, threads):
+def _coded(image, components, options, threads):
     """Bytes of an image; with chroma "best" those of the subsampling that saves more than it loses."""
     codec, quality, chroma = options["codec"], options["quality"], options["chroma"]
     if chroma != "best":
         return image_codecs.enc_image(image, codec, quality, chroma, threads)
-    ways = [image_codecs.enc_image(image, codec, quality, one, threads) for one in image_codecs.CHROMAS]
-    seen = [image_codecs.dec_image(data, codec, *image.shape[1::-1])[..., asked].astype(np.float32) for data in ways]
-    truth = image[..., [min(c, image.shape[2] - 1) for c in asked]]
-    costs = [len(data) * max(float(((one - truth) ** 2).mean()), 1e-3) ** WORTH for data, one in zip(ways, seen, strict=True)]
+    ways = [image_codecs.enc_image(image, codec, quality, chroma, threads) for chroma in image_codecs.CHROMAS]
+    seen = [image_codecs.dec_image(data, codec, *image.shape[1::-1])[..., components].astype(np.float32) for data in ways]
+    truth = image[..., [min(c, image.shape[2] - 1) for c in components]]
+    costs = [len(data) * max(float(((decoded - truth) ** 2).mean()), 1e-3) ** WORTH
+             for data, decoded in zip(ways, seen, strict=True)]
     return ways[int(np.argmin(costs))]
 
 
@@ -272,12 +273,12 @@ def handed_through(rival, options, cube):
 def decoded(folder):
     """The Scene of a folder's files."""
     layout = pickle.loads((folder / LAYOUT).read_bytes())
-    lattice, faces, looks = dec_meshes(folder, layout)
+    lattice, faces, attributes = dec_meshes(folder, layout)
     images = [image_codecs.dec_image((folder / IMAGE.format(number, layout["codec"])).read_bytes(), layout["codec"], *size)
               for number, size in enumerate(layout["images"])]
     textures = [Texture(images[number], wrap, name) for number, wrap, name in layout["textures"]] if images else []
-    scene = Scene(layout["cube"].to_world(lattice), faces, layout["face_material"], looks.pop("corner_uv"),
-                  looks.pop("corner_color"), layout["materials"], textures)
-    for name, values in looks.items():
+    scene = Scene(layout["cube"].to_world(lattice), faces, layout["face_material"], attributes.pop("corner_uv"),
+                  attributes.pop("corner_color"), layout["materials"], textures)
+    for name, values in attributes.items():
         setattr(scene, name, values)
     return scene

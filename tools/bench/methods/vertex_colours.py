@@ -26,7 +26,7 @@ DEFAULTS = {"density": 256, "colour_bits": 8, "position_bits": 14}
 RANGES = {"density": (1, 8192), "colour_bits": (1, 8), "position_bits": (8, 20)}
 MOST_FACES = 1 << 22
 MESH = "mesh.bin"
-HEAD, PART = struct.Struct("<4d3B"), struct.Struct("<BBfBI")  # cube, bits of both, parts; Look, alpha, bytes
+HEAD, PART = struct.Struct("<4d3B"), struct.Struct("<BBfBI")  # cube, bits of both, parts; MaterialKind, alpha, bytes
 POINTS = 4  # a side: samples of a face are POINTS * (POINTS + 1) / 2
 BLOCK = 1 << 16  # faces sampled at a time
 FIT_STEPS, PACE = 8, 1.5  # the matrix's eigenvalues are between 1 / 4 and 1
@@ -46,21 +46,21 @@ class VertexColours(Method):
         """Loads kernels and Draco."""
         from texfcodec.precompile import small_scene
 
-        asked, scene = checked(options) | {"density": 2}, small_scene()
-        dec_parts(enc_parts(painted(scene, surface_of(scene, asked["position_bits"]), asked, threads)))
+        chosen, scene = checked(options) | {"density": 2}, small_scene()
+        dec_parts(enc_parts(painted(scene, surface_of(scene, chosen["position_bits"]), chosen, threads)))
 
     def encode(self, scene, options, folder, threads, report):
         """Writes MESH. ValueError: an option is out of range, or there would be more than MOST_FACES faces."""
-        asked = checked(options)
+        chosen = checked(options)
         with report.stage("subdivide"):
-            surface = surface_of(scene, asked["position_bits"])
-            made = painted(scene, surface, asked, threads)
+            surface = surface_of(scene, chosen["position_bits"])
+            mesh = painted(scene, surface, chosen, threads)
         with report.stage("draco"):
-            data, plain = enc_parts(made), draco_mesh.positions_alone(surface.lattice, surface.faces)
+            data, plain = enc_parts(mesh), draco_mesh.positions_alone(surface.lattice, surface.faces)
         (folder / MESH).write_bytes(data)
-        return {"bytes": {"total": len(data), "geometry": plain, "colours": len(data) - plain}, **asked,
-                "faces": sum(len(faces) for _, _, faces, _ in made.parts), "source_faces": len(scene.faces),
-                "vertices": sum(len(lattice) for _, lattice, _, _ in made.parts),
+        return {"bytes": {"total": len(data), "geometry": plain, "colours": len(data) - plain}, **chosen,
+                "faces": sum(len(faces) for _, _, faces, _ in mesh.parts), "source_faces": len(scene.faces),
+                "vertices": sum(len(lattice) for _, lattice, _, _ in mesh.parts),
                 "reconstruction_sha256": self.values_sha256(dec_parts(data).scene())}
 
     def decode(self, folder, options, threads, report):
@@ -127,8 +127,8 @@ def _halved(work, positions, middle):
     places = np.concatenate([bary, (bary + np.roll(bary, -1, axis=1)) / 2], axis=1)
     parts = []
     for splits, pieces in SPLIT.items():
-        mine = np.flatnonzero(count == splits)
-        parts += [(corners[mine][:, piece], work.origin[mine], places[mine][:, piece]) for piece in pieces]
+        own = np.flatnonzero(count == splits)
+        parts += [(corners[own][:, piece], work.origin[own], places[own][:, piece]) for piece in pieces]
     return Patchwork(positions, *(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
@@ -179,7 +179,7 @@ def fitted_colours(source, work, threads):
 # Files.
 
 
-class Look(NamedTuple):
+class MaterialKind(NamedTuple):
     """What a material is that only has vertex colours."""
 
     alpha_mode: int
@@ -189,8 +189,8 @@ class Look(NamedTuple):
 
 @dataclass
 class Painted:
-    """What is coded. cube; bits: of a colour's component; parts: (Look, lattice int64 [V, 3], faces int64 [F, 3], colour int64
-    [V, 4] in 0..2**bits - 1), one for every look that a face has."""
+    """What is coded. cube; bits: of a colour's component; parts: (MaterialKind, lattice int64 [V, 3], faces int64 [F, 3], colour
+    int64 [V, 4] in 0..2**bits - 1), one for every kind that a face has."""
 
     cube: CanonicalCube
     bits: int
@@ -198,53 +198,53 @@ class Painted:
 
     def scene(self):
         """The Scene that this is."""
-        corners, linear, look = [], [], []
+        corners, linear, face_kind = [], [], []
         for number, (_, lattice, faces, colour) in enumerate(self.parts):
             share = colour[faces] / ((1 << self.bits) - 1)
             corners.append(lattice[faces])
             linear.append(np.concatenate([srgb_to_linear(share[..., :3]), share[..., 3:]], axis=2).astype(np.float32))
-            look.append(np.full(len(faces), number))
+            face_kind.append(np.full(len(faces), number))
         lattice, faces = np.unique(np.concatenate(corners).reshape(-1, 3), axis=0, return_inverse=True)
         faces, materials = faces.reshape(-1, 3), [Material(**part[0]._asdict()) for part in self.parts]
-        return Scene(self.cube.to_world(lattice), faces, np.concatenate(look), np.zeros((len(faces), 3, 2)),
+        return Scene(self.cube.to_world(lattice), faces, np.concatenate(face_kind), np.zeros((len(faces), 3, 2)),
                      np.concatenate(linear), materials, [])
 
 
-def looks_of(scene, material):
-    """(look int64 [F], the distinct Looks) of faces with these materials, int64 [F]."""
-    of = [Look(m.alpha_mode, m.double_sided, float(np.float32(m.alpha_cutoff))) for m in scene.materials]
-    looks = sorted({of[m] for m in np.unique(material)})
-    return np.array([looks.index(look) if look in looks else -1 for look in of])[material], looks
+def kinds_of(scene, material):
+    """(face_kind int64 [F], the distinct MaterialKinds) of faces with these materials, int64 [F]."""
+    of = [MaterialKind(m.alpha_mode, m.double_sided, float(np.float32(m.alpha_cutoff))) for m in scene.materials]
+    kinds = sorted({of[m] for m in np.unique(material)})
+    return np.array([kinds.index(kind) if kind in kinds else -1 for kind in of])[material], kinds
 
 
-def painted(scene, surface, asked, threads):
+def painted(scene, surface, chosen, threads):
     """The Painted of a Scene on its lattice."""
     source = pack_source(scene, surface.origin_face)
     work = Patchwork(surface.lattice.astype(np.float64), surface.faces, np.arange(len(surface.faces)),
                      np.tile(np.eye(3), (len(surface.faces), 1, 1)))
-    work = subdivided(work, surface.cube.last / asked["density"])
-    look, looks = looks_of(scene, surface.material[work.origin])
-    most = (1 << asked["colour_bits"]) - 1
+    work = subdivided(work, surface.cube.last / chosen["density"])
+    face_kind, kinds = kinds_of(scene, surface.material[work.origin])
+    most = (1 << chosen["colour_bits"]) - 1
     colour = np.rint(fitted_colours(source, work, threads) / 255 * most).astype(np.int64)
     lattice = np.rint(work.positions).astype(np.int64)
     packed = lattice[work.faces] @ np.array([1, 1 << 20, 1 << 40])
     whole = (packed != np.roll(packed, -1, axis=1)).all(axis=1)  # rounding may collapse a face
     parts = []
-    for number, one in enumerate(looks):
-        used, faces = np.unique(work.faces[whole & (look == number)], return_inverse=True)
-        mine = colour[used]
-        if one.alpha_mode == ALPHA_OPAQUE:
-            mine[:, 3] = most  # nobody sees it
-        parts.append((one, lattice[used], faces.reshape(-1, 3), mine))
-    return Painted(surface.cube, asked["colour_bits"], parts)
+    for number, kind in enumerate(kinds):
+        used, faces = np.unique(work.faces[whole & (face_kind == number)], return_inverse=True)
+        own_colour = colour[used]
+        if kind.alpha_mode == ALPHA_OPAQUE:
+            own_colour[:, 3] = most  # nobody sees it
+        parts.append((kind, lattice[used], faces.reshape(-1, 3), own_colour))
+    return Painted(surface.cube, chosen["colour_bits"], parts)
 
 
-def enc_parts(made):
-    """Bytes of a Painted: HEAD, and a PART with Draco's bytes for every look."""
-    out = [HEAD.pack(*made.cube.origin, made.cube.side, made.cube.position_bits, made.bits, len(made.parts))]
-    for look, lattice, faces, colour in made.parts:
+def enc_parts(coded):
+    """Bytes of a Painted: HEAD, and a PART with Draco's bytes for every kind."""
+    out = [HEAD.pack(*coded.cube.origin, coded.cube.side, coded.cube.position_bits, coded.bits, len(coded.parts))]
+    for kind, lattice, faces, colour in coded.parts:
         data = draco_mesh.enc_mesh(lattice, faces, {"colour": colour[faces]})  # without alpha where it is constant
-        out += [PART.pack(*look, int(colour[0, 3]), len(data)), data]
+        out += [PART.pack(*kind, int(colour[0, 3]), len(data)), data]
     return b"".join(out)
 
 
@@ -260,6 +260,6 @@ def dec_parts(data):
         mesh = DracoPy.decode(data[place - length : place])
         colour = np.full((len(mesh.points), 4), alpha, np.int64)
         colour[:, : mesh.colors.shape[1]] = mesh.colors
-        parts.append((Look(mode, bool(sides), cutoff), np.asarray(mesh.points).astype(np.int64),
+        parts.append((MaterialKind(mode, bool(sides), cutoff), np.asarray(mesh.points).astype(np.int64),
                       np.asarray(mesh.faces).astype(np.int64), colour))
     return Painted(CanonicalCube(tuple(origin), side, position_bits), bits, parts)

@@ -34,10 +34,10 @@ def rgba_of(part):
 def write_mesh(prepared, folder, report):
     """Writes STREAM with the values 0; (bytes of its positions alone, as texf counts them, and all its other bytes)."""
     empty = [part.with_planes({name: np.zeros_like(plane) for name, plane in part.planes.items()}) for part in prepared.fields]
-    made = write(replace(prepared, fields=empty), report)
-    (folder / STREAM).write_bytes(made.data)
-    geometry = min(positions_alone(prepared.surface.lattice, prepared.surface.faces), made.sizes["geometry"])
-    return geometry, len(made.data) - geometry
+    written = write(replace(prepared, fields=empty), report)
+    (folder / STREAM).write_bytes(written.data)
+    geometry = min(positions_alone(prepared.surface.lattice, prepared.surface.faces), written.sizes["geometry"])
+    return geometry, len(written.data) - geometry
 
 
 def with_values(parts, rgba):

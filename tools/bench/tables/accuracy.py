@@ -110,9 +110,9 @@ def cells_of(name, by_group, asset):
         return cells
     has_percent = any(cell.percent is not None for cell in cells)
     known = [cell for cell in cells if cell.percent is not None or not has_percent]
-    found = dominated([(cell.seconds, ((cell.percent, GAIN),) if has_percent else
-                        ((cell.size, 0.001 * cell.size), (-cell.quality, DECIBELS))) for cell in known])
-    by = {cell.value: tuple(known[i].value for i in beaten) for cell, beaten in zip(known, found, strict=True)}
+    beaten_sets = dominated([(cell.seconds, ((cell.percent, GAIN),) if has_percent else
+                              ((cell.size, 0.001 * cell.size), (-cell.quality, DECIBELS))) for cell in known])
+    by = {cell.value: tuple(known[i].value for i in beaten) for cell, beaten in zip(known, beaten_sets, strict=True)}
     return [cell._replace(by=by.get(cell.value, ())) for cell in cells]
 
 
@@ -153,7 +153,7 @@ def steps_of(table):
                 base = cells[place]
                 percent = 100 * ((100 + cell.percent) / (100 + base.percent) - 1)
                 trades[cell.value][asset] = (cell.seconds - base.seconds, percent, verdict(base.seconds, cell.seconds, percent))
-        steps += [(name, value, found) for value, found in trades.items()]
+        steps += [(name, value, trade) for value, trade in trades.items()]
     return steps
 
 
@@ -196,14 +196,14 @@ def changes_of(table):
 def beaten_presets(table):
     """{asset: {"preset rNN": settings that dominate it in seconds, bytes and dB}}, among those that leave as much to the
     encoder."""
-    found = {}
+    beaten_by_asset = {}
     for asset in dict.fromkeys(asset for by_asset in table.values() for asset in by_asset):
         rows = [(f"{name} {cell.value}", cell) for name, by_asset in table.items() if KNOBS[name].auto
                 and not KNOBS[name].hindsight for cell in by_asset.get(asset, [])]
         by = dominated([(c.seconds, ((c.size, 0.001 * c.size), (-c.quality, DECIBELS))) for _, c in rows])
-        found[asset] = {name: [rows[i][0] for i in beaten] for (name, _), beaten in zip(rows, by, strict=True)
-                        if name.startswith("preset r") and "effort" not in name}
-    return found
+        beaten_by_asset[asset] = {name: [rows[i][0] for i in beaten] for (name, _), beaten in zip(rows, by, strict=True)
+                                  if name.startswith("preset r") and "effort" not in name}
+    return beaten_by_asset
 
 
 def knob_lines(table, assets):
@@ -230,17 +230,18 @@ def metric_lines(rows, assets):
     kinds = (("views of the metric", IMAGE, lambda row: (row["image"]["size"], row["image"]["views"]) if row["image"] else None),
              ("samples of 3D-PSNR", QUALITY, lambda row: None if row["image"] else row["psnr_3d"]["samples"]))
     for title, path, key in kinds:
-        found = defaultdict(list)
+        readings = defaultdict(list)
         for row in rows:
             if key(row) is not None and at(row, path) is not None:
-                found[row["asset"], key(row)].append((at(row, path), row["seconds"]["measure"]))
-        if not found:
+                readings[row["asset"], key(row)].append((at(row, path), row["seconds"]["measure"]))
+        if not readings:
             continue
-        most, lines = max(value for _, value in found), []
-        for value in sorted({value for _, value in found} - {most}):
+        most, lines = max(value for _, value in readings), []
+        for value in sorted({value for _, value in readings} - {most}):
             line = [f"{value[1]} x {value[0]}" if isinstance(value, tuple) else f"{value:,}"]
             for asset in assets:
-                runs, truth = found.get((asset, value)), statistics.fmean(y for y, _ in found.get((asset, most), [(math.nan, 0)]))
+                runs = readings.get((asset, value))
+                truth = statistics.fmean(y for y, _ in readings.get((asset, most), [(math.nan, 0)]))
                 line.append("" if not runs else f"{statistics.fmean(s for _, s in runs):.2f} s, "
                             f"{math.sqrt(statistics.fmean((y - truth) ** 2 for y, _ in runs)):.3f} dB")
             lines.append(line)

@@ -96,22 +96,22 @@ def rival_records(paths):
             held = json.loads(file.read_text(encoding="utf-8"))
             records[held["asset"]] = held["points"]
         if not path.is_dir() or not any(path.glob("*.json")):
-            found = defaultdict(list)
+            points = defaultdict(list)
             for row in (row for row in read_results(path) if row["method"] == "uv"):
                 point = row["options"] | {"codec": row["group"], "total_bytes": row["bytes"]["total"]}
-                found[row["asset"]].append(point | {m: row["image"]["psnr"][m] for m in MEASURES})
-            records |= found
+                points[row["asset"]].append(point | {m: row["image"]["psnr"][m] for m in MEASURES})
+            records |= points
     return records
 
 
 def our_points(path):
     """{asset: [{"rate", "total", "y", "rgb", "yuv"}]} of the rows of AUTO at rates r01 to r05."""
-    found = defaultdict(list)
+    points = defaultdict(list)
     for row in read_results(path):
         if row["group"] == AUTO and row["options"].get("rate", "r06") < "r06":
-            found[row["asset"]].append({"rate": row["options"]["rate"], "total": row["bytes"]["total"],
-                                        **{m: row["image"]["psnr"][m] for m in MEASURES}})
-    return found
+            points[row["asset"]].append({"rate": row["options"]["rate"], "total": row["bytes"]["total"],
+                                         **{m: row["image"]["psnr"][m] for m in MEASURES}})
+    return points
 
 
 def page(args):
@@ -125,7 +125,7 @@ def page(args):
         pairs = [(p["total"], p[measure]) for p in points if p[measure] is not None]
         rate = bd_rate_against(curves, pairs)
         rates += [] if rate is None else [rate]
-        said = [_told(p, d, measure, (p["total"], p[measure]) in front(pairs))
+        said = [_point_text(p, d, measure, (p["total"], p[measure]) in front(pairs))
                 for p, d in zip(points, point_differences(curves, points, measure), strict=True)]
         lines.append([name, "none" if rate is None else f"{rate:+.1f} %", "; ".join(said)])
     for name, of in (("mean", np.mean), ("median", np.median)):
@@ -134,7 +134,7 @@ def page(args):
     return markdown_table(head, lines, 3)
 
 
-def _told(point, difference, measure, is_kept):
+def _point_text(point, difference, measure, is_kept):
     """One of our points for people; an asterisk: not on our own front, and so not in the BD-rate."""
     psnr = "exact" if point[measure] is None else f"{point[measure]:.1f} dB"
     against = "no rival" if difference is None else f"{difference:+.0f} %"

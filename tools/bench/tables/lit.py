@@ -22,17 +22,17 @@ SIDES = "ours", "rivals"
 
 def read_points(path):
     """{asset: {side: [(bytes, bytes without positions, dB of Y or None)]}}."""
-    found = defaultdict(dict)
+    points = defaultdict(dict)
     if path.is_dir() and any(path.glob("*.ours.json")):
         for side in SIDES:
             for file in sorted(path.glob(f"*.{side}.json")):
                 held = json.loads(file.read_text(encoding="utf-8"))
-                found[held["asset"]][side] = [(p["total"], p["total"] - held["positions"], p["psnr_y"]) for p in held["points"]]
-        return found
+                points[held["asset"]][side] = [(p["total"], p["total"] - held["positions"], p["psnr_y"]) for p in held["points"]]
+        return points
     for row in read_results(path):
         point = row["bytes"]["total"], row["bytes"]["total"] - row["bytes"]["geometry"], at(row, ("image", "psnr", "y"))
-        found[row["asset"]].setdefault(SIDES[row["method"] == "uv"], []).append(point)
-    return found
+        points[row["asset"]].setdefault(SIDES[row["method"] == "uv"], []).append(point)
+    return points
 
 
 def percent(ours, rivals):
@@ -66,14 +66,14 @@ def hull(points):
 
 def page(args):
     """Lines of a table: every asset that both sides have, and the target."""
-    found = {asset: sides for path in args.results for asset, sides in read_points(path).items()}
+    by_asset = {asset: sides for path in args.results for asset, sides in read_points(path).items()}
     lines, totals = [], []
-    for asset in sorted(found):
-        if set(found[asset]) == set(SIDES):
-            ours, rivals = (found[asset][side] for side in SIDES)
+    for asset in sorted(by_asset):
+        if set(by_asset[asset]) == set(SIDES):
+            ours, rivals = (by_asset[asset][side] for side in SIDES)
             both = [percent([(p[n], p[2]) for p in ours], [(p[n], p[2]) for p in rivals]) for n in (0, 1)]
             totals += [] if isinstance(both[0], str) else [both[0]]
-            lines.append([asset, *(one if isinstance(one, str) else f"{one:.0f} %" for one in both)])
+            lines.append([asset, *(share if isinstance(share, str) else f"{share:.0f} %" for share in both)])
     if totals:
         lines += [[f"all {len(totals)}", f"mean {np.mean(totals):.0f} %, at most {max(totals):.0f} %", ""],
                   ["target", f"mean {MEAN} %, at most {MOST} %", ""]]

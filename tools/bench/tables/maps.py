@@ -38,7 +38,7 @@ def difference_table(rows, anchor):
     measures, groups = measures_of(rows), grouped(rows)
     lines = []
     for name in (group for group in groups if group != anchor):
-        curves = [[row for mine in groups[group].values() for row in mine] for group in (anchor, name)]
+        curves = [[row for curve in groups[group].values() for row in curve] for group in (anchor, name)]
         lines.append([f"{name} against {anchor}", *(_difference(*curves, path) for path in measures.values())])
     return markdown_table(["", *measures], lines)
 
@@ -60,6 +60,6 @@ def page(args):
         raise SystemExit(f"there is no group {anchor!r} with errors of maps, only {', '.join(grouped(rows)) or 'none'}")
     lines = []
     for asset in dict.fromkeys(row["asset"] for row in rows):
-        mine = [row for row in rows if row["asset"] == asset]
-        lines += [f"## {asset}", "", *asset_table(mine), "", *difference_table(mine, anchor), ""]
+        asset_rows = [row for row in rows if row["asset"] == asset]
+        lines += [f"## {asset}", "", *asset_table(asset_rows), "", *difference_table(asset_rows, anchor), ""]
     return lines

@@ -38,17 +38,17 @@ def table_of(rows):
 
 def of_equal_steps(rows):
     """{steps: its fits, one of each size}, steps with at least two sizes; refined ones are left out."""
-    found = {}
+    by_steps = {}
     for row in fits_of(rows):
         if at(row, ("facts", "refinement", "kind")) != "render":
-            found.setdefault(at(row, FIT)["asked_steps"], {})[rate_of(row, "texture")] = row
-    return {steps: list(found[steps].values()) for steps in sorted(found) if len(found[steps]) > 1}
+            by_steps.setdefault(at(row, FIT)["asked_steps"], {})[rate_of(row, "texture")] = row
+    return {steps: list(by_steps[steps].values()) for steps in sorted(by_steps) if len(by_steps[steps]) > 1}
 
 
 def differences(ours, rivals):
     """Markdown lines: BD-rate in percent of ours, by steps, against each group of rivals, by measure."""
-    lines = [[f"{steps:,}", group, *(_difference(rows, mine, measure) for measure in PSNRS)]
-             for steps, mine in ours.items() for group, rows in rivals.items()]
+    lines = [[f"{steps:,}", group, *(_difference(rows, own_rows, measure) for measure in PSNRS)]
+             for steps, own_rows in ours.items() for group, rows in rivals.items()]
     return markdown_table(["steps", "against", *PSNRS], lines, 2)
 
 
@@ -64,7 +64,7 @@ def curves_of(rows):
     sizes = {}
     for row in fits_of(rows):
         sizes.setdefault(row["setting"].split("_")[1], []).append(row)
-    return {size: mine for size, mine in sizes.items() if len(mine) > 1}
+    return {size: members for size, members in sizes.items() if len(members) > 1}
 
 
 def plot(assets, path):
@@ -75,10 +75,10 @@ def plot(assets, path):
         return
     figure, axes = pyplot.subplots(1, len(drawn), figsize=(6 * len(drawn), 4), squeeze=False)
     for ax, (asset, sizes) in zip(axes[0], drawn.items(), strict=True):
-        for size, mine in sizes.items():
-            seconds, psnr = [seconds_of(r) for r in mine], [at(r, PSNRS["3D-PSNR Y"]) for r in mine]
+        for size, members in sizes.items():
+            seconds, psnr = [seconds_of(r) for r in members], [at(r, PSNRS["3D-PSNR Y"]) for r in members]
             (line,) = ax.plot(seconds, psnr, "o-", label=f"{int(size) // 1000} kB")
-            chosen = [i for i, r in enumerate(mine) if at(r, FIT)["asked_steps"] == DEFAULT_STEPS]
+            chosen = [i for i, r in enumerate(members) if at(r, FIT)["asked_steps"] == DEFAULT_STEPS]
             ax.plot([seconds[i] for i in chosen], [psnr[i] for i in chosen], "s", ms=12, mfc="none", mec=line.get_color())
         ax.set(xscale="log", xlabel="seconds of fitting, two cores", ylabel="3D-PSNR Y, dB", title=f"{asset} (square: default)")
         ax.grid(alpha=0.3)

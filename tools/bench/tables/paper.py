@@ -32,10 +32,10 @@ RESIDENT = (("3DNTC", "TexF/3DNTC", (-33, -31)), ("UV-Source NTC", "NTC", (-7, -
 
 def differences_of(rows, group, anchor, kind="texture"):
     """{asset: {measure: Difference}} of a group of rows against another; {} where one is not there. kind: of rate_of()."""
-    found = grouped(rows)
-    if group not in found or anchor not in found:
+    groups = grouped(rows)
+    if group not in groups or anchor not in groups:
         return {}
-    return Pair(group, anchor, found[group], found[anchor]).differences(kind)
+    return Pair(group, anchor, groups[group], groups[anchor]).differences(kind)
 
 
 def percent(difference):
@@ -45,20 +45,20 @@ def percent(difference):
 
 def mean_and_median(table, measure):
     """Two cells over the assets of differences_of()."""
-    found = [row[measure] for row in table.values() if measure in row]
-    both = (summary(found), summary(found, np.median))
+    values = [row[measure] for row in table.values() if measure in row]
+    both = (summary(values), summary(values, np.median))
     return [f"{value:+.1f} ({count})" if value is not None else "-" for value, count in both]
 
 
 def paper_lines(rows, wanted, anchor):
     """The rows of the paper beside ours, Markdown lines."""
     groups = list(dict.fromkeys([*(name for name, _, _ in wanted), *grouped(rows)]))
-    told, lines = {name: (row, figures) for name, row, figures in wanted}, []
+    by_group, lines = {name: (row, figures) for name, row, figures in wanted}, []
     for group in groups:
         table = differences_of(rows, group, anchor) if group != anchor else {}
-        row, figures = told.get(group, ("-", None))
+        row, figures = by_group.get(group, ("-", None))
         if not table:
-            if group in told:
+            if group in by_group:
                 lines.append([group, row, f"{figures[0]:+d} / {figures[1]:+d}", *["not run"] * 5])
             continue
         cells = [percent(table.get("bball_0001", {}).get(measure)) for measure in SHOWN[:2]]
@@ -84,13 +84,13 @@ def asset_lines(rows, facts):
     rivals = grouped(rows).get(ANCHOR, {}) | grouped(rows).get(VERTEX_ANCHOR, {})
     lines = []
     for asset in sorted(table):
-        row, told = table[asset], facts.get(asset, {})
+        row, asset_facts = table[asset], facts.get(asset, {})
         anchors = rivals.get(asset, [])
         first = row.get(SHOWN[0])
         shared = "-" if first is None or first.overlap is None else f"{first.overlap:.0%}"
-        lines.append([asset, *(told.get(key, "-") for key in ("faces", "texels_per_face", "reuse")), uv_bytes(anchors),
+        lines.append([asset, *(asset_facts.get(key, "-") for key in ("faces", "texels_per_face", "reuse")), uv_bytes(anchors),
                       over_what(rows, asset), *(percent(row.get(measure)) for measure in SHOWN), shared,
-                      why(row, anchors, told)])
+                      why(row, anchors, asset_facts)])
     head = ["asset", "faces", "texels a face", "texel shown", "UV bytes", "auto is over", *SHOWN, "shared range", "why"]
     scans = {asset: table[asset] for asset in table if asset in SCANS}
     for name, part in (("all", table), ("scans", scans)):
@@ -117,7 +117,7 @@ def over_what(rows, asset):
     return "-"
 
 
-def why(row, anchors, told):
+def why(row, anchors, asset_facts):
     """Who wins, and what its bytes say of the reason, a cell."""
     first = row.get(SHOWN[0])
     if first is None or first.percent is None:
@@ -127,8 +127,8 @@ def why(row, anchors, told):
         middle = sorted(anchors, key=lambda r: rate_of(r, "texture"))[len(anchors) // 2]
         share = middle["bytes"].get("uv", 0) / max(rate_of(middle, "texture"), 1)
         parts.append(f"UVs are {share:.0%} of the rival's middle point")
-    if "unused" in told:
-        parts.append(f"{told['unused']:.0%} of its texels are never shown")
+    if "unused" in asset_facts:
+        parts.append(f"{asset_facts['unused']:.0%} of its texels are never shown")
     return "; ".join(parts)
 
 
@@ -170,8 +170,8 @@ def geometry_lines(rows):
     lines = []
     for asset in dict.fromkeys(row["asset"] for row in rows):
         for group in grouped(rows):
-            mine = grouped(rows)[group].get(asset, [])
-            for row in sorted(mine, key=lambda r: r["options"]["position_bits"]):
+            points = grouped(rows)[group].get(asset, [])
+            for row in sorted(points, key=lambda r: r["options"]["position_bits"]):
                 sizes = [f"{row['bytes']['geometry']:,}", f"{rate_of(row, 'texture'):,}", f"{row['bytes']['total']:,}"]
                 lines.append([asset, group, str(row["options"]["position_bits"]), *sizes,
                               *(f"{quality_of(row, measure):.2f}" for measure in SHOWN[:2])])
@@ -200,14 +200,14 @@ def page(args):
         if kind not in given:
             out += ["Not measured for this page.", ""]
             continue
-        found, folder = given[kind]
+        rows, folder = given[kind]
         missing = read_missing(folder)
-        out += [f"Against {anchor}. {_evaluation(found)}", "", *paper_lines(found, wanted, anchor), "",
-                SHARED, "", f"{SHOWN[0]}, asset by asset:", "", *by_asset_lines(found, anchor), ""]
+        out += [f"Against {anchor}. {_evaluation(rows)}", "", *paper_lines(rows, wanted, anchor), "",
+                SHARED, "", f"{SHOWN[0]}, asset by asset:", "", *by_asset_lines(rows, anchor), ""]
         out += [*markdown_table(*missing_table(missing)), ""] if missing else []
     if "lossy_geometry" in given:
-        found, _ = given["lossy_geometry"]
-        out += ["## Lossy geometry", "", _evaluation(found), "", *geometry_lines(found), ""]
+        rows, _ = given["lossy_geometry"]
+        out += ["## Lossy geometry", "", _evaluation(rows), "", *geometry_lines(rows), ""]
     return out
 
 

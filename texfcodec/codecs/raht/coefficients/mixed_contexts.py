@@ -142,7 +142,7 @@ def _slopes(tree, predicted, c, inverse, sums, expected, down, rotated):
 
 @kernel(forceinline=True)
 def _is_quiet(sums, k):
-    """Whether no surrounding block has coefficients in plane k. sums: of _surroundings."""
+    """Return whether no surrounding block has coefficients in plane k. sums: of _surroundings."""
     return sums[k] == 0 and sums[2 + k] == 0
 
 

@@ -40,7 +40,7 @@ def _is_split(tree, node):
 
 @kernel
 def _is_square(tree):
-    """Whether a block with z = 0 has all of its four children."""
+    """Return whether a block with z = 0 has all of its four children."""
     return _is_split(tree, 3) and _is_split(tree, 4)
 
 

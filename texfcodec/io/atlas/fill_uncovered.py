@@ -5,7 +5,7 @@ import numpy as np
 from ...core.kernel import kernel
 
 
-def fill_gaps(image: np.ndarray, known: np.ndarray) -> None:
+def fill_uncovered(image: np.ndarray, known: np.ndarray) -> None:
     """Fill unknown texels from the known texels around them, in place, by push-pull; mip levels then have no gaps.
 
     image: uint8 [H, W, C]; known: bool [H, W]. Without any known texel the image stays as it is.
@@ -15,7 +15,7 @@ def fill_gaps(image: np.ndarray, known: np.ndarray) -> None:
     coarse = np.zeros(((image.shape[0] + 1) // 2, (image.shape[1] + 1) // 2, image.shape[2]), np.uint8)
     coarse_known = np.zeros(coarse.shape[:2], np.bool_)
     _push(image, known, coarse, coarse_known)
-    fill_gaps(coarse, coarse_known)
+    fill_uncovered(coarse, coarse_known)
     _pull(image, known, coarse)
 
 

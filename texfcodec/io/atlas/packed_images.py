@@ -1,4 +1,4 @@
-"""Sheets: images of several channels of a field, packed as glTF requires by channels.SHEETS."""
+"""Images of several channels of a field, packed as glTF requires by channels.PACKED_IMAGES."""
 
 from __future__ import annotations
 
@@ -7,41 +7,41 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...scene.channels import BY_NAME, SHEETS, channel_over
+from ...scene.channels import BY_NAME, PACKED_IMAGES, channel_over
 from ...scene.factors import FLAT
 from ...scene.srgb import to_bytes
-from .gaps import fill_gaps
+from .fill_uncovered import fill_uncovered
 from .texel_image import texel_support
 
 if TYPE_CHECKING:
     from ...texf import Texf
 
 
-def sheets_of(names: Iterable[str]) -> list[tuple[str, ...]]:
-    """Channels of each sheet, other than base colour, that has any of `names`, which are channel names of materials."""
+def packed_images_of(names: Iterable[str]) -> list[tuple[str, ...]]:
+    """Channels of each packed image, other than base colour, that has any of `names`, which are channel names of materials."""
     wanted = set(names)
-    return [tuple(name for name in sheet if name in wanted) for sheet in SHEETS[1:] if wanted & set(sheet)]
+    return [tuple(name for name in packed if name in wanted) for packed in PACKED_IMAGES[1:] if wanted & set(packed)]
 
 
-def texel_sheet(texf: Texf, number: int, sheet: tuple[str, ...], texels: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """The image of a sheet of a field over texels: uint8 [H, W, 3], or [H, W, 4] if a channel is in alpha.
+def packed_texel_image(texf: Texf, number: int, packed: tuple[str, ...], texels: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """The packed image of a field over texels: uint8 [H, W, 3], or [H, W, 4] if a channel is in alpha.
 
     number: of the field; texels: centres of the columns and rows of the base colour's image, in texels of the full image, float64
     [W] and [H]. If every channel is coarser by a power of two, so is the image. Texels that no face refers to continue the values
     beside them.
     """
     part = texf.fields[number]
-    columns, rows = _thinned(part, sheet, *texels)
+    columns, rows = _thinned(part, packed, *texels)
     support = texel_support(part)
     shift = support.level_shift
     referenced = support.rank[np.ix_(_cells(rows, shift, support.size[1]), _cells(columns, shift, support.size[0]))] >= 0
     row, column = np.nonzero(referenced)
     places = np.column_stack([columns[column], rows[row]])
-    values = {name: texel_support(part, name).query(places, part.planes[name], texf.threads) for name in sheet}
+    values = {name: texel_support(part, name).query(places, part.planes[name], texf.threads) for name in packed}
     image = np.zeros((*referenced.shape, 4), np.uint8)
-    image[row, column] = sheet_colours(values)
-    image = image if any(3 in BY_NAME[name].columns for name in sheet) else np.ascontiguousarray(image[..., :3])
-    fill_gaps(image, referenced)
+    image[row, column] = packed_texels(values)
+    image = image if any(3 in BY_NAME[name].columns for name in packed) else np.ascontiguousarray(image[..., :3])
+    fill_uncovered(image, referenced)
     return image
 
 
@@ -49,17 +49,17 @@ def _cells(centres, shift, size):
     return np.minimum(centres.astype(np.int64) >> shift, size - 1)
 
 
-def _thinned(part, sheet, columns, rows):
-    """Centres of the columns and rows of a sheet's image. columns, rows: those of the base colour's image."""
-    shift = min(part.shifts.get(name, 0) for name in sheet)
+def _thinned(part, packed, columns, rows):
+    """Centres of the columns and rows of a packed image. columns, rows: those of the base colour's image."""
+    shift = min(part.shifts.get(name, 0) for name in packed)
     if shift and not len(columns) % (1 << shift) and not len(rows) % (1 << shift):
         return tuple(line.reshape(-1, 1 << shift).mean(axis=1) for line in (columns, rows))
     return columns, rows
 
 
-def sheet_colours(values: dict[str, np.ndarray]) -> np.ndarray:
-    """Texels uint8 [N, 4] of a sheet. values: float32 [N, C] in 0..255 by channel name of materials; normals are in tangent
-    space."""
+def packed_texels(values: dict[str, np.ndarray]) -> np.ndarray:
+    """Texels uint8 [N, 4] of a packed image. values: float32 [N, C] in 0..255 by channel name of materials; normals are in
+    tangent space."""
     count = len(next(iter(values.values())))
     out = np.full((count, 4), 255, np.float32)
     for name, value in values.items():

@@ -1,6 +1,6 @@
 """Generated files in each of which one property is the only thing that shows: each coded, decoded, and drawn by another program.
 
-python -m tools.proof.strangers.kinds [--cache out/strangers] [--only WORD...] [--rows FILE.jsonl]
+python -m tools.proof.public_models.kinds [--cache out/public_models] [--only WORD...] [--rows FILE.jsonl]
 
 A row tells the property, the program that shows it ("like"), dB of that program's picture against the one without the property
 ("shows"), dB of the decoded GLB's picture ("decoded"), and the losses that the encoder names. The program is three.js by its own
@@ -18,13 +18,13 @@ import sys
 from pathlib import Path
 
 from texfcodec.errors import EXIT_DIFFERS, EXIT_INTERNAL
-from tools.proof.strangers.judge import LEAST_PICTURE, SIZE_OFF, least_picture, losses_of, reason_of
-from tools.proof.strangers.kinds_gltf import gltf_kinds
-from tools.proof.strangers.kinds_text import dae_kinds, obj_kinds, ply_kinds
-from tools.proof.strangers.listing import Stranger
-from tools.proof.strangers.pictures import draw_pairs
-from tools.proof.strangers.rows import add_row
-from tools.proof.strangers.run import Inside, code_stranger
+from tools.proof.public_models.judge import LEAST_PICTURE, SIZE_OFF, least_picture, losses_of, reason_of
+from tools.proof.public_models.kinds_gltf import gltf_kinds
+from tools.proof.public_models.kinds_text import dae_kinds, obj_kinds, ply_kinds
+from tools.proof.public_models.listing import PublicModel
+from tools.proof.public_models.pictures import draw_pairs
+from tools.proof.public_models.rows import add_row
+from tools.proof.public_models.run import Inside, code_model
 
 FORMATS = {"COLLADA": dae_kinds, "OBJ and MTL": obj_kinds, "PLY": ply_kinds, "glTF": gltf_kinds}
 RATE, INERT = "r04", 38.0  # dB; above it the other program does not show the property either
@@ -39,7 +39,7 @@ class Unmeasured(Inside):
 
 
 def write_kind(label, kind, cache):
-    """(Stranger, path without the property, path of the expected picture's file), the last two below the cache."""
+    """(PublicModel, path without the property, path of the expected picture's file), the last two below the cache."""
     folder = Path("files") / "kinds" / f"{re.sub(r'[^A-Za-z0-9_-]+', '_', label)}-1"
     shutil.rmtree(cache / folder, ignore_errors=True)
     like = {"model.glb": kind.expected} if kind.expected else {}
@@ -49,21 +49,21 @@ def write_kind(label, kind, cache):
             (cache / folder / part / name).write_bytes(data)
     name = next(iter(kind.files))
     model = {"path": f"with/{name}", "sha256": hashlib.sha256(kind.files[name]).hexdigest()}
-    stranger = Stranger(label, {"kind": "kinds", "name": folder.name[:-2], "version": "1"}, model)
+    entry = PublicModel(label, {"kind": "kinds", "name": folder.name[:-2], "version": "1"}, model)
     paths = [folder / "with" / name, folder / "without" / next(iter(kind.without))]
     for number, path in enumerate(paths if kind.like == "assimp" else ()):
         paths[number] = path.with_name("by_assimp.glb")
         words = ["assimp", "export", path.name, "by_assimp.glb"]
         subprocess.run(words, cwd=(cache / path).parent, check=True, capture_output=True)
-    return stranger, str(paths[1]), str(folder / "like" / "model.glb" if kind.expected else paths[0])
+    return entry, str(paths[1]), str(folder / "like" / "model.glb" if kind.expected else paths[0])
 
 
 def run_kinds(form, kinds, args):
     """[row] of {label: Kind} of a format, with pictures."""
     rows = []
     for label, kind in kinds.items():
-        stranger, without, expected = write_kind(label, kind, args.cache)
-        row = code_stranger(stranger, args, None, args.cache / "coded" / "kinds", Unmeasured)
+        entry, without, expected = write_kind(label, kind, args.cache)
+        row = code_model(entry, args, None, args.cache / "coded" / "kinds", Unmeasured)
         rows.append(row | {"like": kind.like, "without": without, "expected": expected})
     pairs = [{"source": row["expected"], "mesh": row["without"], "text": row["name"]} for row in rows]
     pairs += [{"source": row["expected"], "mesh": row["mesh"], "text": row["name"]} for row in rows]
@@ -74,7 +74,7 @@ def run_kinds(form, kinds, args):
 def judged(row, control, picture):
     """The row of a kind. control, picture: what three.js shows of the expected file beside the one without, and the decoded."""
     exits, losses = [row[step]["exit"] for step in ("encode", "decode") if step in row], losses_of(row) if "decode" in row else []
-    shows, decoded = (math.nan if "error" in one else min(least_picture(one), 99.0) for one in (control, picture))
+    shows, decoded = (math.nan if "error" in drawn else min(least_picture(drawn), 99.0) for drawn in (control, picture))
     finite = lambda value: None if math.isnan(value) else round(value, 1)
     refused = "measure" not in row
     sound = decoded >= LEAST_PICTURE and not picture.get("size", 0.0) > SIZE_OFF
@@ -89,7 +89,7 @@ def judged(row, control, picture):
 def main(arguments=None):
     """Command line of the tool."""
     parser = argparse.ArgumentParser(prog="kinds", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cache", type=Path, default=Path("out/strangers"), metavar="DIR")
+    parser.add_argument("--cache", type=Path, default=Path("out/public_models"), metavar="DIR")
     parser.add_argument("--only", action="append", metavar="WORD", help="properties whose name holds it; repeatable")
     parser.add_argument("--rows", type=Path, metavar="FILE.jsonl", help="[default: kinds.jsonl in the cache]")
     parser.add_argument("--effort", default="fast", help="of the encoder")

@@ -37,7 +37,7 @@ class VertexColours:
     psnr: float
 
 
-def vertex_fit(texf: Texf, faces: np.ndarray) -> VertexColours | None:
+def fit_vertex_colours(texf: Texf, faces: np.ndarray) -> VertexColours | None:
     """Colours at the corners of faces that fit the field between them best; None if an image shows more. texf: decoded stream
     (Texf); faces: int64 [n]."""
     area = _areas(texf, faces)

@@ -196,9 +196,9 @@ async function draw({ source, mesh, text, linear, unit }) {
       picture.style.float = 'left';
       cell.append(picture);
     }
-    for (const side of sides) side.model.traverse((one) => {
-      one.geometry?.dispose();
-      for (const own of [one.own ?? []].flat()) [...PLAIN, ...MAPS, ...GLOSS].forEach((slot) => own[slot]?.isTexture && own[slot].dispose());
+    for (const side of sides) side.model.traverse((object) => {
+      object.geometry?.dispose();
+      for (const own of [object.own ?? []].flat()) [...PLAIN, ...MAPS, ...GLOSS].forEach((slot) => own[slot]?.isTexture && own[slot].dispose());
     });
   } catch (error) {
     row = { error: String(error.message ?? error).slice(0, 200) };
@@ -220,7 +220,7 @@ window.sheet = async (pairs) => {
 async function elsewhere(file, root) {
   const [files, kind, name] = path.relative(root, file).split(path.sep), folder = path.join(root, files, kind ?? '', name ?? '');
   const wanted = file.split(/[\\/]/).pop().toLowerCase(), all = await readdir(folder, { recursive: true }).catch(() => []);
-  const there = all.find((one) => path.basename(one).toLowerCase() === wanted);
+  const there = all.find((entry) => path.basename(entry).toLowerCase() === wanted);
   return there && /\.(png|jpe?g|bmp|gif|webp|tga|mtl|bin)$/i.test(there) ? readFile(path.join(folder, there)) : null;
 }
 

@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 
 from texfcodec.core.colour_error import in_decibels
-from tools.proof.strangers.judge import findings_of, least_picture, worst_rgb
-from tools.proof.strangers.rows import add_row
-from tools.proof.strangers.run import node_modules
+from tools.proof.public_models.judge import findings_of, least_picture, worst_rgb
+from tools.proof.public_models.rows import add_row
+from tools.proof.public_models.run import node_modules
 
 PAGE = Path(__file__).with_name("pictures.mjs")
 WORST = 20  # pairs of the sheet "worst"

@@ -80,23 +80,23 @@ function hashed(text) {
   return hash / 2 ** 32;
 }
 
-/** Gives an asset's materials what a look {layer, lit, without: Set of effects} shows of them. */
+/** Gives an asset's materials what settings {layer, lit, without: Set of effects} show of them. */
 export function dress(asset, {layer, lit, without}) {
   const isThere = layer === 'picture' || hasLayer(asset, layer);
   for (const material of asset.materials) {
     const isFlat = layer === 'picture' && !lit && material.isMeshStandardMaterial, shown = isFlat ? 'base_colour' : layer === 'picture' ? null : isThere ? layer : 'missing';
-    const told = material.userData, faces = shown === 'faces';
+    const state = material.userData, faces = shown === 'faces';
     Object.entries(EFFECTS).forEach(([name, [property, neutral]]) => {
       if (!(property in material)) return;
-      const kept = told.kept ??= {}, value = material[property];
+      const kept = state.kept ??= {}, value = material[property];
       kept[property] ??= value.clone?.() ?? value;
       if (value.isVector2) without.has(name) ? value.setScalar(neutral) : value.copy(kept[property]);
       else material[property] = without.has(name) ? neutral : kept[property];
     });
-    told.flat ??= material.flatShading ?? false;
-    if (told.layer === shown) continue;
-    Object.assign(material, {wireframe: shown === 'triangles', needsUpdate: true}, 'flatShading' in material ? {flatShading: faces || told.flat} : {});
-    Object.assign(told, {layer: shown, cubes: shown === 'cubes'});
+    state.flat ??= material.flatShading ?? false;
+    if (state.layer === shown) continue;
+    Object.assign(material, {wireframe: shown === 'triangles', needsUpdate: true}, 'flatShading' in material ? {flatShading: faces || state.flat} : {});
+    Object.assign(state, {layer: shown, cubes: shown === 'cubes'});
   }
 }
 
@@ -104,7 +104,7 @@ function uses(material, name) {
   const [property, neutral, map, channel] = EFFECTS[name], kept = material.userData.kept ?? {}, value = kept[property] ?? material[property];
   if (!material.isMeshStandardMaterial || value === undefined || value === neutral) return false;
   if (name === 'emission') return !material.emissive.equals(new Color(0));
-  if (name === 'specular') return value !== 1 || material.specularColor.getHex() !== 0xffffff || CHANNELS_SPECULAR.some((one) => material.userData.channels?.includes(one));
+  if (name === 'specular') return value !== 1 || material.specularColor.getHex() !== 0xffffff || CHANNELS_SPECULAR.some((key) => material.userData.channels?.includes(key));
   if (name === 'dispersion' || name === 'volume') return (kept.transmission ?? material.transmission) > 0;
   return !map || Boolean(material[map]) || Boolean(material.userData.channels?.includes(channel));
 }

@@ -1,4 +1,4 @@
-"""strangers of tools/proof: the list, what it fetches, a model that falls short is seen; a sample, if there is one."""
+"""public_models of tools/proof: the list, what it fetches, a model that falls short is seen; a sample, if there is one."""
 
 import copy
 import io
@@ -18,9 +18,9 @@ from shapes import scene_of, square
 from texfcodec.batch.children import Children
 from texfcodec.io.formats import SUFFIXES
 from texfcodec.scene.scene import ALPHA_BLEND, Material
-from tools.proof.strangers import fetch as fetching
-from tools.proof.strangers.fetch import Unfetched, archive_of, fetch, unpack
-from tools.proof.strangers.judge import (
+from tools.proof.public_models import fetch as fetching
+from tools.proof.public_models.fetch import Unfetched, archive_of, fetch, unpack
+from tools.proof.public_models.judge import (
     INTERNAL,
     INVALID,
     LARGE_MESH,
@@ -37,30 +37,30 @@ from tools.proof.strangers.judge import (
     losses_of,
     summary,
 )
-from tools.proof.strangers.kinds import ERROR, FAULT, FORMATS, NAMED, OK, UNSHOWN, judged, write_kind
-from tools.proof.strangers.listing import Stranger, add_package, read_list, strangers_of, write_list
-from tools.proof.strangers.measure import compare
-from tools.proof.strangers.page import page_of
-from tools.proof.strangers.pictures import draw
-from tools.proof.strangers.rows import add_row, read_rows, strict_json
-from tools.proof.strangers.run import RATE, Inside, Room, code_stranger, node_modules
+from tools.proof.public_models.kinds import ERROR, FAULT, FORMATS, NAMED, OK, UNSHOWN, judged, write_kind
+from tools.proof.public_models.listing import PublicModel, add_package, entries_of, read_list, write_list
+from tools.proof.public_models.measure import compare
+from tools.proof.public_models.page import page_of
+from tools.proof.public_models.pictures import draw
+from tools.proof.public_models.rows import add_row, read_rows, strict_json
+from tools.proof.public_models.run import RATE, Inside, Room, code_model, node_modules
 
-CACHE = Path(__file__).resolve().parents[2] / "out" / "strangers"
+CACHE = Path(__file__).resolve().parents[2] / "out" / "public_models"
 SAMPLE = {"npm": ("assimpjs", "mind-ar"), "pypi": ("jvrc-description", "compas")}  # small packages with small models
 
 
-def stranger_of(cache, data, path="model.glb"):
-    """A Stranger of bytes, as a package "made" that has been fetched."""
+def entry_of(cache, data, path="model.glb"):
+    """A PublicModel of bytes, as a package "made" that has been fetched."""
     package = {"kind": "npm", "name": "made", "version": "1"}
-    stranger = Stranger(f"made/{path}", package, {"path": path, "sha256": "0" * 64, "bytes": len(data)})
-    stranger.path(cache).parent.mkdir(parents=True, exist_ok=True)
-    stranger.path(cache).write_bytes(data)
-    return stranger
+    entry = PublicModel(f"made/{path}", package, {"path": path, "sha256": "0" * 64, "bytes": len(data)})
+    entry.path(cache).parent.mkdir(parents=True, exist_ok=True)
+    entry.path(cache).write_bytes(data)
+    return entry
 
 
 def row_of(cache, data, room_in=Inside, modules=None):
     """The row of a model of bytes."""
-    return code_stranger(stranger_of(cache, data), Namespace(cache=cache, rate=RATE), modules, cache / "coded", room_in)
+    return code_model(entry_of(cache, data), Namespace(cache=cache, rate=RATE), modules, cache / "coded", room_in)
 
 
 def rich_model():
@@ -102,11 +102,11 @@ def altered(row, **changes):
 
 def test_the_list_names_three_hundred_models_by_hash_in_every_format(tmp_path):
     packages = read_list()
-    strangers = strangers_of(packages)
-    assert len(strangers) >= 300 and len({stranger.name for stranger in strangers}) == len(strangers)
-    assert {stranger.suffix for stranger in strangers} == set(SUFFIXES)
-    files = [item for stranger in strangers for item in ((stranger.model["path"], stranger.model["sha256"]),
-                                                         *stranger.model.get("with", {}).items())]
+    entries = entries_of(packages)
+    assert len(entries) >= 300 and len({entry.name for entry in entries}) == len(entries)
+    assert {entry.suffix for entry in entries} == set(SUFFIXES)
+    files = [item for entry in entries for item in ((entry.model["path"], entry.model["sha256"]),
+                                                    *entry.model.get("with", {}).items())]
     assert all(re.fullmatch("[0-9a-f]{64}", digest) for _, digest in files)
     assert not any(PurePosixPath(path).is_absolute() or ".." in PurePosixPath(path).parts for path, _ in files)
     assert {package["kind"] for package in packages} == {"npm", "pypi", "debian"}
@@ -147,10 +147,10 @@ def test_no_file_is_unpacked_outside_its_folder(tmp_path):
 
 def test_a_package_without_its_client_is_named_and_the_others_go_on(tmp_path, monkeypatch, capsys):
     data = b"solid\nendsolid\n"
-    there = stranger_of(tmp_path, data, "a.stl")
+    there = entry_of(tmp_path, data, "a.stl")
     model = {"path": "b.stl", "sha256": "0" * 64}
     absent = {"kind": "debian", "name": "absent", "version": "1", "archive": "a.deb", "sha256": "0" * 64, "models": [model]}
-    gone = Stranger("absent/b.stl", absent, model)
+    gone = PublicModel("absent/b.stl", absent, model)
     there.package["models"] = [there.model]
     monkeypatch.setattr(fetching.shutil, "which", lambda name: None)
     here, missing = fetch([there, gone], tmp_path)
@@ -296,9 +296,9 @@ def test_every_kind_has_files_that_its_control_does_not_and_is_written_with_them
     assert len(kinds) > 150 and all(kind.files != kind.without for kind in kinds.values())
     assert all(bool(kind.expected) == (kind.like == "construction") for kind in kinds.values())
     kind = kinds["OBJ and MTL: map_Kd of other case"]
-    stranger, without, expected = write_kind("OBJ and MTL: map_Kd of other case", kind, tmp_path)
-    assert stranger.path(tmp_path).read_bytes() == kind.files["model.obj"]
-    assert (stranger.path(tmp_path).parent / "a.png").read_bytes() == kind.files["a.png"]
+    entry, without, expected = write_kind("OBJ and MTL: map_Kd of other case", kind, tmp_path)
+    assert entry.path(tmp_path).read_bytes() == kind.files["model.obj"]
+    assert (entry.path(tmp_path).parent / "a.png").read_bytes() == kind.files["a.png"]
     assert (tmp_path / without).parent.name == "without" and (tmp_path / expected).read_bytes() == kind.expected
 
 
@@ -329,7 +329,7 @@ def test_files_that_a_model_names_are_listed_though_our_reader_passes_them_over(
                           "package/maps/a b.png": b"png", "package/c.png": b"no", "package/package.json": b"{}"}, "made-2.tgz")
     text = "npm:made:2:5"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tools.proof.strangers.listing.archive_of", lambda package, cache: cache / "archives/npm/made-2.tgz")
+        patch.setattr("tools.proof.public_models.listing.archive_of", lambda package, cache: cache / "archives/npm/made-2.tgz")
         (package,) = add_package(text, tmp_path, [], number=2)
         assert add_package("npm:other:2:5", tmp_path, [package], number=2)[1]["models"] == []  # known by its hash
     (model,) = package["models"]
@@ -357,15 +357,15 @@ def test_the_page_tells_counts_pairs_the_worst_and_kinds(row):
 def sample():
     """20 small models of small packages, of more than a cube."""
     packages = [package for package in read_list() if package["name"] in SAMPLE.get(package["kind"], ())]
-    strangers = [stranger for stranger in strangers_of(packages) if stranger.model["bytes"] > 1000 or "with" in stranger.model]
-    return sorted(strangers, key=lambda stranger: stranger.model["bytes"])[:20]
+    entries = [entry for entry in entries_of(packages) if entry.model["bytes"] > 1000 or "with" in entry.model]
+    return sorted(entries, key=lambda entry: entry.model["bytes"])[:20]
 
 
-def test_a_sample_of_strangers_falls_short_of_nothing():
+def test_a_sample_of_public_models_falls_short_of_nothing():
     here, missing = fetch(sample(), CACHE)
     if missing:
         pytest.skip(f"the packages of the sample cannot be fetched: {'; '.join(missing.values())}")
     run = Namespace(cache=CACHE, rate=RATE)
-    rows = [code_stranger(stranger, run, None, CACHE / "coded" / "test", Inside) for stranger in here]
+    rows = [code_model(entry, run, None, CACHE / "coded" / "test", Inside) for entry in here]
     text, is_short = summary(rows, {})
     assert len(rows) == 20 and not is_short, text

@@ -5,7 +5,7 @@ import pytest
 
 from texfcodec import EncodeOptions, decode
 from texfcodec.encoder.encode import encode_scene
-from texfcodec.encoder.shading.rotated_normal_map import mean_matrices, turned_texels
+from texfcodec.encoder.shading.rotated_normal_map import mean_matrices, rotate_normal_map
 from texfcodec.field.texel_set import shown_area
 from texfcodec.metrics.shaded import compare_channels
 from texfcodec.report import Report
@@ -102,14 +102,14 @@ def test_frames_that_turn_over_inside_a_face_are_followed():
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5, 3.0, 0.0])
-def test_turned_texels_point_where_the_matrix_sends_them(scale):
+def test_rotated_normals_point_where_the_matrix_sends_them(scale):
     rng = np.random.default_rng(0)
     texels = rng.integers(80, 176, (500, 2)).astype(np.float32)
     angle = rng.uniform(0, 2 * np.pi, 500)
     turn = np.zeros((500, 3, 3))
     turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = (np.cos(angle), -np.sin(angle), np.sin(angle),
                                                                                  np.cos(angle), 1)
-    got = turned_texels(texels, turn, scale) / 127.5 - 1
+    got = rotate_normal_map(texels, turn, scale) / 127.5 - 1
     if scale:
         want = np.einsum("nij,nj->ni", turn[:, :2, :2], texels / 127.5 - 1)
         assert np.abs(got[:, :2] - want).max() <= 0.5 / 127.5 + 1e-6

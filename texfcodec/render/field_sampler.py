@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from ..texf import Texf
     from .camera import Camera
 
-Question = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+SampleFunction = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
-class Questions:
+class FieldSampler:
     """Samples fields of a Texf for one picture.
 
     If a pixel is wider than a voxel or texel, filtering mixes the two levels nearest to the pixel's width; elsewhere values are
@@ -46,7 +46,7 @@ class Questions:
         self._uv = np.ascontiguousarray(texf.uv)
         self._density: np.ndarray | None = None
 
-    def of_field(self, number: int, names: Sequence[str] = ()) -> Question:
+    def of_field(self, number: int, names: Sequence[str] = ()) -> SampleFunction:
         """Function (face int64 [M], bary float64 [M, 3], depth float64 [M]) -> values float32 [M, C], 0..255, of field `number`.
 
         names: of planes that have one support, whose values are side by side; empty: colour and alpha, four columns.
@@ -61,7 +61,7 @@ class Questions:
         width = self._pixel * _voxels_per_unit(texf, support)
         self._build(pyramid, width)
 
-        def ask(face, bary, depth):
+        def sample(face, bary, depth):
             points = surface_points(face, bary, self.positions, self.faces)
             grid = texf.cube.to_grid(points, support.resolution) / (1 << support.level_shift)
 
@@ -70,12 +70,12 @@ class Questions:
                     return pyramid.level(0).query(grid[chosen])
                 if not names:
                     return texf.query_field(number, points[chosen])
-                answers = texf.query_planes(number, names, points[chosen], face[chosen])
-                return np.hstack([answers[name] for name in names])
+                planes = texf.query_planes(number, names, points[chosen], face[chosen])
+                return np.hstack([planes[name] for name in names])
 
-            return _answered(pyramid, finest, grid, width * depth if self._perspective else width)
+            return _filtered(pyramid, finest, grid, width * depth if self._perspective else width)
 
-        return ask
+        return sample
 
     def _of_texels(self, number, pyramid):
         """Function of of_field() for a field over texels; the number of texels in a pixel differs from face to face."""
@@ -86,12 +86,12 @@ class Questions:
         density = self._density / (1 << support.level_shift)
         self._build(pyramid, density[self.texf.face_field == number].max(initial=0.0))
 
-        def ask(face, bary, depth):
+        def sample(face, bary, depth):
             texel = np.einsum("mk,mkc->mc", bary, self._uv[self.faces[face]])
             wide = density[face] * depth if self._perspective else density[face]
-            return _answered(pyramid, lambda chosen: pyramid.level(0).query(texel[chosen]), texel, wide)
+            return _filtered(pyramid, lambda chosen: pyramid.level(0).query(texel[chosen]), texel, wide)
 
-        return ask
+        return sample
 
     def _texels_per_pixel(self):
         return texels_per_unit(self.positions[self.faces], self._uv[self.faces]) * self._pixel
@@ -108,7 +108,7 @@ class Questions:
                     support.rank  # noqa: B018
 
 
-def _answered(pyramid: Pyramid, finest, places, wide):
+def _filtered(pyramid: Pyramid, finest, places, wide):
     """Values at places that are `wide` cells wide, float64 scalar or [M].
 
     finest: function (numbers of places) -> values of level 0; places: those of Level.query, [M, ...].

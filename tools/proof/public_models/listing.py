@@ -1,6 +1,6 @@
-"""The list of strangers: packages of public registries by name, version and hash, and the models in them that are coded.
+"""The list of public models: packages of public registries by name, version and hash, and the models in them that are coded.
 
-strangers.json has a row for each package: kind (npm, pypi or debian), name, version, archive, sha256, licence, round, and its
+public_models.json has a row for each package: kind (npm, pypi or debian), name, version, archive, sha256, licence, round, and its
 models: path, sha256, bytes, and the other files that a model reads or names, {path: sha256}. Paths are those in the package. A
 round is what was added at one time: 1, where it is missing.
 """
@@ -14,14 +14,14 @@ from pathlib import Path, PurePosixPath
 
 from texfcodec.io.formats import SUFFIXES
 from texfcodec.io.load import load
-from tools.proof.strangers.fetch import Unfetched, archive_of, licence_of, members, unpack
+from tools.proof.public_models.fetch import Unfetched, archive_of, licence_of, members, unpack
 
-LIST = Path(__file__).with_name("strangers.json")
+LIST = Path(__file__).with_name("public_models.json")
 LARGEST = 24 << 20  # bytes of a model's own file; larger ones take minutes each and show nothing that smaller ones do not
 
 
 @dataclass(frozen=True)
-class Stranger:
+class PublicModel:
     """One model. name: unlike any other's, PACKAGE/PATH; package, model: its rows of the list."""
 
     name: str
@@ -56,19 +56,19 @@ def write_list(packages, path=LIST):
     path.write_text('{"packages": [\n' + ",\n".join(lines) + "\n]}\n", encoding="utf-8")
 
 
-def strangers_of(packages):
-    """[Stranger] of package rows, shuffled by their hashes, so that the first N are a fair sample."""
-    strangers = [Stranger(f"{package['name']}/{model['path']}", package, model) for package in packages
-                 for model in package["models"]]
-    return sorted(strangers, key=lambda stranger: (stranger.model["sha256"], stranger.name))
+def entries_of(packages):
+    """[PublicModel] of package rows, shuffled by their hashes, so that the first N are a fair sample."""
+    entries = [PublicModel(f"{package['name']}/{model['path']}", package, model) for package in packages
+               for model in package["models"]]
+    return sorted(entries, key=lambda entry: (entry.model["sha256"], entry.name))
 
 
 def add_package(text, cache, packages, number=1, largest=LARGEST):
     """The package rows with another, or that one anew. text: KIND:NAME:VERSION:MOST, where MOST models at most are taken, spread
     evenly over formats and sizes; number: of the round; largest: bytes of a model."""
-    if not (found := re.fullmatch(r"(\w+):(.+?):(.+):(\d+)", text)):
+    if not (match := re.fullmatch(r"(\w+):(.+?):(.+):(\d+)", text)):
         raise SystemExit(f"--add takes KIND:NAME:VERSION:MOST, not {text!r}")
-    kind, name, version, most = found.groups()
+    kind, name, version, most = match.groups()
     package = {"kind": kind, "name": name, "version": version}
     try:
         archive = archive_of(package, cache)
@@ -114,7 +114,7 @@ def _model(folder, path, there):
     row = {"path": path, "sha256": _digest(data), "bytes": len(data)}
     try:
         files = [Path(name).resolve() for name in load(folder / path).files]
-    except Exception:  # a stranger that cannot be loaded is one to be shown by the run, not here
+    except Exception:  # a model that cannot be loaded is one to be shown by the run, not here
         files = []
     root = folder.resolve()
     files += _named(root / path, there)
@@ -137,15 +137,15 @@ def _names_in(data):
 
 def _named(path, there):
     """Files of a package whose names stand in a model, whatever our own reader makes of them. there: {name: [path]}."""
-    found, todo = set(), [path]
+    named, todo = set(), [path]
     while todo:
         file = todo.pop()
         if file.suffix.lower() in TEXTS:
             names = set(_names_in(file.read_bytes()[: TEXTS[file.suffix.lower()]]))
-            new = {near for name in names for near in there.get(name, []) if len(there[name]) <= 4} - found
-            found |= new
+            new = {near for name in names for near in there.get(name, []) if len(there[name]) <= 4} - named
+            named |= new
             todo += [near for near in new if near.suffix.lower() == ".mtl"]
-    return sorted(found)
+    return sorted(named)
 
 
 def _digest(data):

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tools.proof.strangers import kinds_gltf as gltf
+from tools.proof.public_models import kinds_gltf as gltf
 
-from tools.proof.strangers.kinds_gltf import (  # isort: skip
+from tools.proof.public_models.kinds_gltf import (  # isort: skip
     COLOURS, FACES, NORMALS, POSITIONS, SIDE, UVS, Kind, Texture, base, bumps, coloured, glb, picture)
 
 QUADS = [[a, a + 1, a + SIDE + 1, a + SIDE] for row in range(SIDE - 1) for a in range(row * SIDE, row * SIDE + SIDE - 1)]
@@ -58,7 +58,7 @@ def obj_kinds():
     glossy = glb(base(metallicFactor=1.0, roughnessFactor=0.2))
     red, bump, drop = "newmtl m\nKd 1 0 0\n", {"b.png": bumps()}, obj(use="")
     plain, mapped = ({"model.obj": obj(), "a.mtl": text.encode()} for text in (WHITE, MAPPED))
-    made = lambda line, like, **files: Kind({**plain, "a.mtl": (WHITE + line).encode(), **files}, plain, "construction", like)
+    kind_of = lambda line, like, **files: Kind({**plain, "a.mtl": (WHITE + line).encode(), **files}, plain, "construction", like)
     mrgb = "".join("ff" + "".join(f"{round(255 * value):02x}" for value in row) for row in COLOURS)
     mrgb = "".join(f"#MRGB {mrgb[i : i + 512]}\n" for i in range(0, len(mrgb), 512)).encode()
     maps = {
@@ -72,14 +72,15 @@ def obj_kinds():
         **{f"map_Kd {name}": _mtl(f"{WHITE}map_Kd {words}\n", **at) for name, (words, at) in maps.items()},
         **{f"map_Kd {words[:2]}": _mtl(f"{WHITE}map_Kd {words} a.png\n", MAPPED, **png)
            for words in ("-s 2 3 1", "-o 0.4 0.2 0")},
-        **{f"map_Kd {name}": made(f"map_Kd {words}\n", look, **at) for name, (words, at) in elsewhere.items()},
-        "map_Ka alone": made("map_Ka a.png\n", look, **png),
+        **{f"map_Kd {name}": kind_of(f"map_Kd {words}\n", look, **at) for name, (words, at) in elsewhere.items()},
+        "map_Ka alone": kind_of("map_Ka a.png\n", look, **png),
         "d": _mtl(red + "d 0.3\n", red), "Tr": _mtl(red + "Tr 0.7\n", red),
         "map_d": _mtl(MAPPED + "map_d d.png\n", MAPPED, **png, **{"d.png": picture(mode="L")}),
         "Ke": _mtl(RED + "Ke 0.2 0.6 0.9\n", RED), "map_Ke": _mtl(RED + "Ke 1 1 1\nmap_Ke a.png\n", RED, **png),
-        "norm": made("norm b.png\n", bumpy, **bump), "map_Bump of a normal map": made("map_Bump -bm 1 b.png\n", bumpy, **bump),
+        "norm": kind_of("norm b.png\n", bumpy, **bump),
+        "map_Bump of a normal map": kind_of("map_Bump -bm 1 b.png\n", bumpy, **bump),
         "map_Bump of heights": _mtl(WHITE + "map_Bump -bm 4 h.png\n", **{"h.png": bumps("PNG", "heights")}),
-        "Pm and Pr": replace(made("Pm 1\nPr 0.2\n", glossy), without={"model.glb": glb(base())}),
+        "Pm and Pr": replace(kind_of("Pm 1\nPr 0.2\n", glossy), without={"model.glb": glb(base())}),
         "mtllib with spaces": _obj(obj(head="mtllib a b.mtl\n"), obj(head=""), **{"a b.mtl": MAPPED.encode()}),
         "mtllib twice": _obj(obj(head="mtllib n.mtl\nmtllib a.mtl\n"), obj(head=""), **{"n.mtl": other}),
         "mtllib of two names": _obj(obj(head="mtllib n.mtl a.mtl\n"), obj(head=""), expected=look, **{"n.mtl": other}),
@@ -254,7 +255,7 @@ def dae_kinds():
     """{property: Kind}"""
     png, plain, look = {"a.png": picture()}, dae(), glb(coloured())
     mapped = {"look": MAP, "images": IMAGE.format("a.png"), "params": SAMPLED.format("")}
-    red, black, grey, one = _colour("0.9 0.1 0.1 1"), _colour("0 0 0 1"), _colour("0.2 0.2 0.2 1"), _colour("1 1 1 1")
+    red, black, grey, white = _colour("0.9 0.1 0.1 1"), _colour("0 0 0 1"), _colour("0.2 0.2 0.2 1"), _colour("1 1 1 1")
     emission, green = "<emission><color>0.1 0.7 0.2 1</color></emission>", [*_linear(np.array([0.1, 0.7, 0.2])).tolist(), 1]
     extra = lambda profile, text: f'<extra><technique profile="{profile}">{text}</technique></extra>'
     bind = '<bind_vertex_input semantic="UV" input_semantic="TEXCOORD" input_set="1"/>'
@@ -304,7 +305,7 @@ def dae_kinds():
         "wrap_s CLAMP": wrapped("CLAMP", 33071), "wrap_s MIRROR": wrapped("MIRROR", 33648),
         "double_sided": row(dae(extra=extra("GOOGLEEARTH", "<double_sided>1</double_sided>")),
                             expected=glb({**base(), "doubleSided": True})),
-        "bump": row(dae(**mapped | {"look": one}, extra=extra("FCOLLADA", '<bump><texture texture="s" texcoord="UV"/></bump>')),
+        "bump": row(dae(**mapped | {"look": white}, extra=extra("FCOLLADA", '<bump><texture texture="s" texcoord="UV"/></bump>')),
                     expected=glb({**base(), "normalTexture": Texture(bumps())}), **{"a.png": bumps()})}
     names = {"percent-encoded": "a%20b.png", "file:///": "file:///C:/job/a b.png", "in ./maps": "./maps/a b.png"}
     return kinds | {f"init_from {text}": row(dae(**mapped | {"images": IMAGE.format(name)}), expected=look,

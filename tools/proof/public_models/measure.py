@@ -1,5 +1,5 @@
 """A decoded GLB against its source, from outside: both loaded again, their flat colours compared part by part, and what the
-source holds beside the decoded file. python tools/proof/strangers/measure.py SOURCE DECODED.glb; one JSON object on stdout.
+source holds beside the decoded file. python tools/proof/public_models/measure.py SOURCE DECODED.glb; one JSON object on stdout.
 
 A part is what has a material of the source. Where it looks wrong by the nearest surface at all, the decoded surface of the same
 material answers, and points at which the source contradicts itself (surfaces that lie in each other) do not count.
@@ -24,7 +24,7 @@ from texfcodec.io.load import load
 from texfcodec.metrics.views import MeshColours
 from texfcodec.scene.fetch import pack_source, sample_source
 from texfcodec.scene.scene import ALPHA_MASK, ALPHA_OPAQUE
-from tools.proof.strangers.holdings import unnamed_things
+from tools.proof.public_models.holdings import unnamed_things
 
 POINTS = 20_000  # of a part
 PARTS = 40  # the largest of a scene

@@ -14,8 +14,8 @@ from ..scene.channels import ALPHA, BASE_COLOUR, BY_NAME, NORMAL_MAPS, channel_o
 from ..scene.factors import absorb
 from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material
 from ..scene.srgb import srgb_to_linear
-from .atlas.sheets import sheets_of
-from .vertex_fit import VertexColours, vertex_fit
+from .atlas.packed_images import packed_images_of
+from .vertex_colour_fit import VertexColours, fit_vertex_colours
 
 if TYPE_CHECKING:
     from ..texf import Texf
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 @dataclass
 class Skin:
     """Faces with their own images. field: number of their field, which is over texels; None for the atlas that all fields over
-    voxels share. has_base: whether any of its looks needs an image of the base colour; sheets: channels of each other image."""
+    voxels share. has_base: whether any material needs an image of the base colour; packed: channels of each other image."""
 
     field: int | None
     has_base: bool = False
-    sheets: list[tuple[str, ...]] = dataclass_field(default_factory=list)
+    packed: list[tuple[str, ...]] = dataclass_field(default_factory=list)
 
 
 @dataclass
-class Look:
+class SavedMaterial:
     """A material on a skin. material: its factors hold every channel that has a single value on its faces; mapped: names of the
     channels that need an image, base colour among them; colours: of its faces' corners, in order, if they replace an image."""
 
@@ -44,57 +44,57 @@ class Look:
 
 
 @dataclass
-class Looks:
-    """All looks of a mesh. looks: a material without faces is there once, without images; face_look: int64 [F] into looks;
+class SavedMaterials:
+    """All saved materials of a mesh. rows: a material without faces is there once, without images; face_row: int64 [F] into rows;
     opaque: names of materials that are written as opaque, because no point of them is see-through; apart: whether every channel
     has its own image, grey for channels of one component."""
 
     skins: list[Skin]
-    looks: list[Look]
-    face_look: np.ndarray
+    rows: list[SavedMaterial]
+    face_row: np.ndarray
     opaque: list[str] = dataclass_field(default_factory=list)
     apart: bool = False
 
     @property
     def image_count(self) -> int:
         """Number of images that the skins need."""
-        return sum(skin.has_base + len(skin.sheets) for skin in self.skins)
+        return sum(skin.has_base + len(skin.packed) for skin in self.skins)
 
     @property
     def has_image(self) -> np.ndarray:
-        """Whether each face has an image, bool [F]."""
-        return np.array([bool(look.mapped) for look in self.looks], bool)[self.face_look]
+        """Mask of the faces with an image, bool [F]."""
+        return np.array([bool(saved.mapped) for saved in self.rows], bool)[self.face_row]
 
 
-def looks_of(texf: Texf, held: tuple[str, ...] | None = None, at_vertices: bool = False) -> Looks:
-    """The Looks of a decoded stream (Texf), before any image is made. held: names of the channels that the format has, each in
-    its own image, or None for glTF; at_vertices: whether colours at vertices may replace an image that shows no more."""
+def saved_materials_of(texf: Texf, held: tuple[str, ...] | None = None, at_vertices: bool = False) -> SavedMaterials:
+    """The SavedMaterials of a decoded stream (Texf), before any image is made. held: names of the channels that the format has,
+    each in its own image, or None for glTF; at_vertices: whether colours at vertices may replace an image that shows no more."""
     skins, face_skin = skins_of(texf)
     of_face = np.column_stack([texf.face_material, face_skin, _says_nothing(texf)])
-    kinds, face_look = np.unique(of_face, axis=0, return_inverse=True)
-    face_look = face_look.reshape(-1)
-    looks = []
+    kinds, face_row = np.unique(of_face, axis=0, return_inverse=True)
+    face_row = face_row.reshape(-1)
+    rows = []
     for row, (number, skin, flat) in enumerate(kinds.tolist()):
-        faces = np.flatnonzero(face_look == row)
-        look = _look(texf, number, skin, skins[skin], faces, held)
+        faces = np.flatnonzero(face_row == row)
+        saved = _saved_material(texf, number, skin, skins[skin], faces, held)
         if flat:
-            look.mapped = tuple(name for name in look.mapped if name not in NORMAL_MAPS)
-        if at_vertices and skins[skin].field is None and look.mapped == (BASE_COLOUR.name,):
-            look.colours = vertex_fit(texf, faces)
-            look.mapped = look.mapped if look.colours is None else ()
-        looks.append(look)
-        skins[skin].has_base |= BASE_COLOUR.name in look.mapped
+            saved.mapped = tuple(name for name in saved.mapped if name not in NORMAL_MAPS)
+        if at_vertices and skins[skin].field is None and saved.mapped == (BASE_COLOUR.name,):
+            saved.colours = fit_vertex_colours(texf, faces)
+            saved.mapped = saved.mapped if saved.colours is None else ()
+        rows.append(saved)
+        skins[skin].has_base |= BASE_COLOUR.name in saved.mapped
     for number, skin in enumerate(skins):
-        wanted = {name for look in looks if look.skin == number for name in look.mapped}
-        skin.sheets = sheets_of(wanted) if held is None else [(name,) for name in held[1:] if name in wanted]
+        wanted = {name for saved in rows if saved.skin == number for name in saved.mapped}
+        skin.packed = packed_images_of(wanted) if held is None else [(name,) for name in held[1:] if name in wanted]
     idle = np.setdiff1d(np.arange(len(texf.materials)), texf.face_material)
-    looks += [Look(int(number), -1, texf.materials[number], ()) for number in idle]
-    return Looks(skins, looks, face_look, _make_opaque(texf, looks, skins, face_look), apart=held is not None)
+    rows += [SavedMaterial(int(number), -1, texf.materials[number], ()) for number in idle]
+    return SavedMaterials(skins, rows, face_row, _make_opaque(texf, rows, skins, face_row), apart=held is not None)
 
 
 def _says_nothing(texf):
-    """Whether a normal map has no effect on a face, because its UVs give no tangent frame (spec 8.5.2), bool [F]. Viewers would
-    invent a frame, so that such faces are written without the map."""
+    """Return whether a normal map has no effect on a face, because its UVs give no tangent frame (spec 8.5.2), bool [F]. Viewers
+    would invent a frame, so that such faces are written without the map."""
     mapped = np.array([bool(NORMAL_MAPS & m.maps.keys()) for m in texf.materials], bool)
     over_texels = np.array([part.over_texels for part in texf.fields], bool)
     if not len(texf.faces) or not mapped.any() or not over_texels.any():
@@ -102,16 +102,16 @@ def _says_nothing(texf):
     return mapped[texf.face_material] & over_texels[texf.face_field] & ~has_uv_area(texf.uv[texf.faces])
 
 
-def _make_opaque(texf, looks, skins, face_look):
+def _make_opaque(texf, rows, skins, face_row):
     """Make blended materials opaque if alpha is 255 on all their faces, because viewers draw blended faces last and unsorted.
     Returns the materials' names."""
     names = []
-    for row, look in enumerate(looks):
-        if look.skin >= 0 and look.material.alpha_mode == ALPHA_BLEND and look.material.factor[3] >= 1:
-            alpha = _one_value(texf, skins[look.skin], np.flatnonzero(face_look == row), ALPHA.name) if texf.has_alpha else [255]
+    for row, saved in enumerate(rows):
+        if saved.skin >= 0 and saved.material.alpha_mode == ALPHA_BLEND and saved.material.factor[3] >= 1:
+            alpha = _one_value(texf, skins[saved.skin], np.flatnonzero(face_row == row), ALPHA.name) if texf.has_alpha else [255]
             if alpha is not None and alpha[0] == 255:
-                look.material = replace(look.material, alpha_mode=ALPHA_OPAQUE)
-                names.append(look.material.name or f"material {look.number}")
+                saved.material = replace(saved.material, alpha_mode=ALPHA_OPAQUE)
+                names.append(saved.material.name or f"material {saved.number}")
     return names
 
 
@@ -126,8 +126,8 @@ def skins_of(texf: Texf) -> tuple[list[Skin], np.ndarray]:
     return skins, of_field[texf.face_field] if len(texf.faces) else np.zeros(0, np.int64)
 
 
-def _look(texf, number, skin, of, faces, held):
-    """The Look of a material's faces on a Skin, with the maps of the channels in held."""
+def _saved_material(texf, number, skin, of, faces, held):
+    """The SavedMaterial of a material's faces on a Skin, with the maps of the channels in held."""
     material = texf.materials[number]
     parameters, mapped = dict(material.parameters), []
     colour = _base_factor(texf, of, faces, material)
@@ -140,7 +140,7 @@ def _look(texf, number, skin, of, faces, held):
         if of.field is None and BY_NAME[name].over:
             parameters.pop(BY_NAME[name].parameter, None)  # it is in the values
     factor = np.ones(4) if colour is None else colour
-    return Look(number, skin, replace(material, factor=factor, parameters=parameters), tuple(mapped))
+    return SavedMaterial(number, skin, replace(material, factor=factor, parameters=parameters), tuple(mapped))
 
 
 def _base_factor(texf, skin, faces, material):
@@ -173,7 +173,7 @@ def _one_value(texf, skin, faces, name):
     return part.support_of(name).query(uv[:1], part.planes[name])[0].astype(np.float64)
 
 
-def names_in(looks: Looks, names: Iterable[str]) -> bool:
-    """Whether any look has an image of any of these channels."""
+def names_in(materials: SavedMaterials, names: Iterable[str]) -> bool:
+    """Return whether any of the materials has an image of any of these channels."""
     wanted = set(names)
-    return any(wanted & set(look.mapped) for look in looks.looks)
+    return any(wanted & set(saved.mapped) for saved in materials.rows)

@@ -1,4 +1,4 @@
-"""docs/reports/strangers.md: what the rows of a run, of pairs, of kinds and of ladders say, in tables."""
+"""docs/reports/public_models.md: what the rows of a run, of pairs, of kinds and of ladders say, in tables."""
 
 import json
 import math
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from texfcodec.batch.tasks import package_code
 from tools.bench.provenance import made_on
-from tools.proof.strangers.judge import (
+from tools.proof.public_models.judge import (
     INTERNAL,
     LEAST_PICTURE,
     NOT_JSON,
@@ -24,9 +24,10 @@ from tools.proof.strangers.judge import (
 STEPS = (-math.inf, 20, 25, 30, 35, 40, 50, math.inf)  # dB
 SEEN = Path(__file__).with_name("seen.json")  # {name: what somebody who looked at the pair saw}
 WORST, VERDICTS = 20, ("ok", "named", "not shown", "FAULT", "INTERNAL ERROR")
-HEAD = """# Strangers
+HEAD = """# Public models
 
-Made by `make -C tools strangers` (tools/proof/strangers) {made}; {older} of its rows are of an earlier state of the package.
+Made by `make -C tools public-models` (tools/proof/public_models) {made}; {older} of its rows are of an earlier state
+of the package.
 
 {models} models from {packages} packages of public registries, by name, version and hash; none of their files is in this
 repository. All were new to this project when they were added. Each is coded at r04 ({fast} of them, the larger ones, with
@@ -49,7 +50,7 @@ def decibels_of(row):
 
 
 def page_of(rows, kinds, ladders, packages):
-    """The page. rows: of strangers, with pictures; kinds, ladders: rows of these; packages: number of them."""
+    """The page. rows: of models, with pictures; kinds, ladders: rows of these; packages: number of them."""
     pairs = [row for row in rows if decibels_of(row) is not None]
     lead = HEAD.format(made=made_on(), models=len(rows), packages=packages, pairs=len(pairs),
                        fast=sum("fast" in row.get("flags", ()) for row in rows),
@@ -108,8 +109,8 @@ def _kinds(kinds):
     rest = [(row["name"], row["like"], *("" if row[key] is None else f"{row[key]:.1f}" for key in ("shows", "decoded")),
              ": ".join([row["verdict"], *map(_plain, row["losses"][:1])])) for row in kinds if row["verdict"] != "ok"]
     return ["## Kinds\n", f"{len(kinds)} generated files in each of which one property is the only thing that shows "
-            "(tools/proof/strangers/kinds.py).", "*ok*: the decoded GLB shows it; *named*: it does not, and a loss says so; *not "
-            "shown*: the other program does not show it either.\n",
+            "(tools/proof/public_models/kinds.py).", "*ok*: the decoded GLB shows it; *named*: it does not, and a loss says so; "
+            "*not shown*: the other program does not show it either.\n",
             *_table(("format", *verdicts), body, "|---|" + "---:|" * len(verdicts)),
             *(_table(("not ok", "shown by", "without it", "decoded", ""), rest, "|---|---|---:|---:|---|") if rest else [])]
 
@@ -121,10 +122,10 @@ def _ladders(ladders):
             models.setdefault(row["name"].split("@")[0], {})[row["flags"][1]] = row
     rates = sorted({rate for rungs in models.values() for rate in rungs})
     for name, rungs in sorted(models.items()):
-        found = [rungs[rate] for rate in rates if rate in rungs]
-        values = [row["encode"]["report"]["check"]["rgb"] for row in found]
+        measured = [rungs[rate] for rate in rates if rate in rungs]
+        values = [row["encode"]["report"]["check"]["rgb"] for row in measured]
         values = [math.inf if value is None else float(value) for value in values]
-        points = [(row["bytes"]["stream"], value) for row, value in zip(found, values, strict=True)]
+        points = [(row["bytes"]["stream"], value) for row, value in zip(measured, values, strict=True)]
         rises = all(b[1] >= a[1] - 0.1 for a, b in zip(points, points[1:], strict=False))
         body.append((_short(name), *(f"{size:,} {'exact' if value == math.inf else f'{value:.1f}'}" for size, value in points),
                      "yes" if rises else "**no**"))

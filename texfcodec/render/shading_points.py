@@ -13,7 +13,7 @@ UNBOUNDED = frozenset({"emissive", "thickness"})  # channels whose final values 
 
 
 @dataclass(kw_only=True)
-class Points:
+class ShadingPoints:
     """M surface points in view. Directions are of any length; one that is zero or not finite counts as the view, and such a view
     as +z.
 
@@ -43,14 +43,14 @@ class Points:
     coat_normal: np.ndarray | None = None
 
 
-class Surface:
+class ShadedSurface:
     """A run of points whose materials use the same effects: float32, one column per point.
 
     normal, view: [3, m] unit; cosine: [m] between them, signed; nv: the same, at least LEAST; base: [3, m]; metallic, roughness:
     [m].
     """
 
-    def __init__(self, points: Points, table: ShadingTable, chosen: slice | np.ndarray) -> None:
+    def __init__(self, points: ShadingPoints, table: ShadingTable, chosen: slice | np.ndarray) -> None:
         self._points, self._table, self._chosen = points, table, chosen
         self.material = points.material[chosen]
         self.base = self.value("base_colour")

@@ -18,9 +18,9 @@ from texfcodec.batch.local import terminated_as_interrupted
 from texfcodec.batch.task_progress import progress
 from texfcodec.batch.tasks import last_line, package_code
 from texfcodec.errors import EXIT_INTERNAL
-from tools.proof.strangers.judge import findings_of, reason_of
-from tools.proof.strangers.measure import measured
-from tools.proof.strangers.rows import add_row, read_rows, strict_json
+from tools.proof.public_models.judge import findings_of, reason_of
+from tools.proof.public_models.measure import measured
+from tools.proof.public_models.rows import add_row, read_rows, strict_json
 
 RATE = "r03"
 MEASURE = Path(__file__).with_name("measure.py")
@@ -28,24 +28,24 @@ VALIDATOR = Path(__file__).parents[1] / "validate_glb.mjs"
 NODE_PACKAGES = {"gltf-validator": "2.0.0-dev.3.10", "three": "0.187.0", "playwright-core": "1.56.1"}
 
 
-def run_all(strangers, args, rows_file):
-    """A row for each of the strangers, as it ends."""
+def run_all(entries, args, rows_file):
+    """A row for each of the models, as it ends."""
     old = {(row["name"], row["sha256"]) for row in read_rows(rows_file)} if args.keep_old else set()
-    todo = [stranger for stranger in strangers if (stranger.name, stranger.model["sha256"]) not in old]
+    todo = [entry for entry in entries if (entry.name, entry.model["sha256"]) not in old]
     modules, lock, children, out = node_modules(args.cache), threading.Lock(), Children(), args.cache / "coded" / rows_file.stem
     with open(os.devnull, "wb") as nowhere:
         children.run(WARM_UP, nowhere, nowhere, Caps(1))
     jobs = 1 if args.inside else max(args.jobs, 1)  # standard output is one for a process
     with progress(len(todo)) as show, ThreadPoolExecutor(jobs) as pool, terminated_as_interrupted():
 
-        def perform(stranger):
+        def perform(entry):
             room_in = Inside if args.inside else lambda folder: Room(folder, args, children)
-            row = code_stranger(stranger, args, modules, out, room_in)
+            row = code_model(entry, args, modules, out, room_in)
             if children.stopped:
                 return
             with lock:
                 add_row(rows_file, row)
-                show(stranger.name, f"{stranger.name}: {_line(row)}", bool(row["findings"]))
+                show(entry.name, f"{entry.name}: {_line(row)}", bool(row["findings"]))
 
         try:
             for _ in pool.map(perform, todo):
@@ -69,15 +69,15 @@ def node_modules(cache):
     return folder
 
 
-def code_stranger(stranger, args, modules, out, room_in):
-    """The row of a stranger. out: folder for streams and meshes; room_in: folder -> Room, or what runs the steps in its place."""
-    out = out / stranger.package["name"].replace("/", "__")
+def code_model(entry, args, modules, out, room_in):
+    """The row of a model. out: folder for streams and meshes; room_in: folder -> Room, or what runs the steps in its place."""
+    out = out / entry.package["name"].replace("/", "__")
     out.mkdir(parents=True, exist_ok=True)
-    stem = re.sub(r"[^\w.-]", "_", stranger.model["path"])
-    source, stream, mesh = stranger.path(args.cache), out / f"{stem}.texf", out / f"{stem}.glb"
+    stem = re.sub(r"[^\w.-]", "_", entry.model["path"])
+    source, stream, mesh = entry.path(args.cache), out / f"{stem}.texf", out / f"{stem}.glb"
     for path in (stream, mesh):
         path.unlink(missing_ok=True)
-    row = {"name": stranger.name, "source": str(source.relative_to(args.cache)), "sha256": stranger.model["sha256"],
+    row = {"name": entry.name, "source": str(source.relative_to(args.cache)), "sha256": entry.model["sha256"],
            "stream": str(stream.relative_to(args.cache)), "mesh": str(mesh.relative_to(args.cache)), "code": package_code(),
            "flags": _flags(args)}
     room = room_in(out / f"{stem}.work")

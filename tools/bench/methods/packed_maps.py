@@ -4,14 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from texfcodec.io.atlas.sheets import with_z
-from texfcodec.scene.channels import BY_NAME, SHEETS
+from texfcodec.io.atlas.packed_images import with_z
+from texfcodec.scene.channels import BY_NAME, PACKED_IMAGES
 from texfcodec.scene.fetch import values_of_map
 
 COLOUR, DATA, NORMAL = "colour", "data", "normal"
 
 
-class Sheet(NamedTuple):
+class PackedImage(NamedTuple):
     """An image and the channels in it, as materials name them. image: uint8 [H, W, 4], 255 where no channel is; wrap: as a
     Texture's; kind: COLOUR where a channel is sRGB-coded, NORMAL for directions, else DATA."""
 
@@ -21,43 +21,43 @@ class Sheet(NamedTuple):
     kind: str
 
 
-def map_sheets(scene):
-    """(Sheets of the maps that faces use, each once; by material a dict from channel to the number of its sheet).
+def pack_maps(scene):
+    """(PackedImages of the maps that faces use, each once; by material a dict from channel to the number of its image).
 
-    Channels of one glTF image share a sheet where their images are of one size. ValueError: a map has UVs of its own.
+    Channels of one glTF image share a packed image where their images are of one size. ValueError: a map has UVs of its own.
     """
     if scene.map_uv:
         raise ValueError("maps with UVs of their own are not counted here")
-    numbers, sheets, placed = {}, [], [{} for _ in scene.materials]
+    numbers, images, placed = {}, [], [{} for _ in scene.materials]
     for m in np.unique(scene.face_material):
         maps = {name: scene.textures[t] for name, t in scene.materials[m].maps.items()}
         for names in _together(maps):
             key = tuple((name, id(maps[name].image), tuple(maps[name].wrap)) for name in names)
             if key not in numbers:
-                numbers[key] = len(sheets)
-                sheets.append(_sheet(names, maps))
+                numbers[key] = len(images)
+                images.append(_packed_image(names, maps))
             placed[m] |= dict.fromkeys(names, numbers[key])
-    return sheets, placed
+    return images, placed
 
 
 def _together(maps):
-    """The names of each sheet of one material's maps, Textures by channel."""
-    for sheet in SHEETS:
+    """The names of each packed image of one material's maps, Textures by channel."""
+    for packed in PACKED_IMAGES:
         alike = {}
-        for name in sheet:
+        for name in packed:
             if name in maps:
                 alike.setdefault((maps[name].image.shape, tuple(maps[name].wrap)), []).append(name)
         yield from map(tuple, alike.values())
 
 
-def _sheet(names, maps):
+def _packed_image(names, maps):
     first = maps[names[0]]
     image = np.full_like(first.image, 255)
     for name in names:
         columns = slice(0, 3) if BY_NAME[name].unit == "degrees" else list(BY_NAME[name].columns)  # z does not always follow
         image[..., columns] = maps[name].image[..., columns]
     kinds = {NORMAL if BY_NAME[name].unit == "degrees" else COLOUR if BY_NAME[name].srgb else DATA for name in names}
-    return Sheet(names, image, tuple(first.wrap), NORMAL if NORMAL in kinds else COLOUR if COLOUR in kinds else DATA)
+    return PackedImage(names, image, tuple(first.wrap), NORMAL if NORMAL in kinds else COLOUR if COLOUR in kinds else DATA)
 
 
 def two_components(image):

@@ -7,7 +7,7 @@ import click
 
 from ..api import decode
 from ..bitstream.file import read_stream_file
-from ..io.container.layout import is_scene_file
+from ..io.container.layout import open_scene_file
 from ..io.formats import APPEARANCES, ATLAS_METHODS, COMPRESSIONS, SAVED_SUFFIXES, TEXTURE_FORMATS
 from ..io.gltf.carried import stream_within
 from ..options import DecodeOptions
@@ -86,7 +86,7 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     if not takes_out:
         check_choices("stream.glb" if out == "-" else out, **save_options, stream=b"" if carry_stream else None)
     data = read_stream_file(source, limits)
-    if is_scene_file(data):
+    if open_scene_file(data) is not None:
         if out != "-" and not out.lower().endswith(".glb"):
             raise click.UsageError(f"{source} is a scene whose meshes are coded: OUT must end in .glb")
         return expand_scene_file(console, data, source, out, options, save_options["texture_format"])

@@ -19,7 +19,7 @@ from ..scene.scene import WRAP_NAMES
 from .console import STYLE, run
 from .effect_lines import counted
 from .flags import file_names, limit_flags, limits_of, report_flags
-from .inputs import read_stream
+from .inputs import read_streams
 
 
 @click.command("texf-info", context_settings=STYLE)
@@ -31,20 +31,24 @@ from .inputs import read_stream
 @report_flags("Print nothing but errors.")
 @click.pass_obj
 def info(console, file, as_json, quiet, effects, verify, **choices):
-    """List every syntax element of the .texf FILE ("-": stdin), or of the stream that a GLB carries, with its offset and size.
+    """List every syntax element of the .texf FILE ("-": stdin), or of the streams that a GLB carries, with its offset and size.
     The values are not decoded.
 
     Exit codes: 0 valid, 1 command line, 2 input or output, 3 invalid stream, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
     limits = limits_of(choices)
-    data = read_stream(file, limits)
-    facts = inspect(data, limits)
-    if verify:
-        _verify(data, facts, limits)
-    if effects:
-        facts |= _effect_facts(data, facts, limits)
-    console.result(facts, _lines(file, facts))
+    streams = read_streams(file, limits)
+    every = []
+    for data in streams:
+        facts = inspect(data, limits)
+        if verify:
+            _verify(data, facts, limits)
+        every.append(facts | (_effect_facts(data, facts, limits) if effects else {}))
+    if len(every) == 1:
+        return console.result(every[0], _lines(file, every[0]))
+    lines = (line for number, facts in enumerate(every) for line in _lines(f"{file} stream {number}", facts))
+    console.result({"streams": every}, lines)
 
 
 def _verify(data, facts, limits):

@@ -39,6 +39,16 @@ def read_stream(path: str, limits: Limits) -> bytes:
     return stream_within(read_stream_file(path, limits))
 
 
+def read_streams(path: str, limits: Limits) -> list[bytes]:
+    """The streams of a scene file of texf-enc, in order; of any other file, its only one, as read_stream()."""
+    from ..io.container.layout import open_scene_file, streams_of
+    from ..io.gltf.carried import stream_within
+
+    data = read_stream_file(path, limits)
+    document = open_scene_file(data)
+    return [stream_within(data)] if document is None else streams_of(document)
+
+
 def load_mesh(path: str, strict: bool = False, limits: Limits | None = None) -> Scene:
     """Scene of a mesh file, or of one on stdin for "-", in any format of a single file.
 

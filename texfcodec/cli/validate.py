@@ -7,9 +7,10 @@ import click
 from ..errors import EXIT_DIFFERS, EXIT_LIMIT, EXIT_OK, EXIT_STREAM, EXIT_SUPPORT
 from ..options import DecodeOptions
 from ..precompile import DECODING
+from ..validate.listing import WORST_FIRST
 from .console import STYLE, run
 from .flags import file_names, limit_flags, limits_of, option_flags, report_flags
-from .inputs import read_stream
+from .inputs import read_streams
 
 _IN_A_WORD = {EXIT_OK: "valid", EXIT_DIFFERS: "valid, with warnings", EXIT_STREAM: "invalid", EXIT_SUPPORT: "not supported",
               EXIT_LIMIT: "limit exceeded"}
@@ -25,8 +26,8 @@ _IN_A_WORD = {EXIT_OK: "valid", EXIT_DIFFERS: "valid, with warnings", EXIT_STREA
 @report_flags("Print no findings; return the exit code.")
 @click.pass_obj
 def validate(console, file, strict, as_json, quiet, **choices):
-    """List every error, warning and note about the .texf FILE ("-": stdin), or about the stream that a GLB carries. The tool
-    decodes as much as it can, compares all checksums, and continues after errors.
+    """List every error, warning and note about the .texf FILE ("-": stdin), or about the streams that a GLB carries. The
+    tool decodes as much as it can, compares all checksums, and continues after errors.
 
     For files from unknown sources, use --isolate and lower the limits.
 
@@ -38,16 +39,23 @@ def validate(console, file, strict, as_json, quiet, **choices):
 
     limits, isolate = limits_of(choices), choices.pop("isolate")
     options = DecodeOptions(**{name: value for name, value in choices.items() if value is not None}, limits=limits)
-    data = read_stream(file, limits)
+    streams = read_streams(file, limits)
     console.note_first_run(DECODING)
     with console.progress() as report:
-        outcome = (validate_isolated if isolate else validated)(data, limits, options.threads, report)
+        outcomes = [(validate_isolated if isolate else validated)(data, limits, options.threads, report) for data in streams]
     if not console.as_json:
         console.warnings(report)
-    code = outcome.pop("strict_exit_code" if strict else "exit_code")
-    outcome.pop("exit_code" if strict else "strict_exit_code")
-    console.result({**outcome, "exit_code": code, "warnings": report.warnings}, _lines(outcome, code))
-    return code
+    for outcome in outcomes:
+        codes = {True: outcome.pop("strict_exit_code"), False: outcome.pop("exit_code")}
+        outcome["exit_code"] = codes[strict]
+    worst = max((outcome["exit_code"] for outcome in outcomes), key=[EXIT_OK, EXIT_DIFFERS, *reversed(WORST_FIRST)].index)
+    if len(outcomes) == 1:
+        console.result({**outcomes[0], "warnings": report.warnings}, _lines(outcomes[0], worst))
+    else:
+        lines = (f"stream {number}: {line}" for number, outcome in enumerate(outcomes)
+                 for line in _lines(outcome, outcome["exit_code"]))
+        console.result({"streams": outcomes, "exit_code": worst, "warnings": report.warnings}, lines)
+    return worst
 
 
 def _lines(outcome, code):

@@ -24,7 +24,7 @@ from ..parts import Notes
 from ..save_build import encoded_images
 from ..saved_materials import SavedMaterial, SavedMaterials, skins_of
 from ..vertex_appearance import unique_corners
-from .layout import check_corners, is_container, read_primitives, read_streams
+from .layout import check_corners, is_container, read_primitives, streams_of
 from .rewritten import ARRAY, INDEX, Rewritten
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def expand_bytes(data: bytes, decode: Callable[[bytes], Texf], texture_format: s
 
 def expanded(document: Document, decode: Callable[[bytes], Texf], texture_format: str = AUTO) -> bytes:
     """Return an ordinary GLB of a container, as expand_bytes()."""
-    streams = [decode(stream) for stream in read_streams(document)]
+    streams = [decode(stream) for stream in streams_of(document)]
     primitives = read_primitives(document, [len(texf.units) for texf in streams])
     out = Rewritten(document)
     for number, texf in enumerate(streams):

@@ -71,17 +71,18 @@ def is_container(root: dict) -> bool:
     return "streams" in part(extensions(root), EXTENSION)
 
 
-def is_scene_file(data: bytes) -> bool:
-    """Return whether bytes are a GLB that has the part-level form of the extension."""
+def open_scene_file(data: bytes) -> Document | None:
+    """Return the Document of a GLB with the part-level form of the extension; None for other bytes."""
     if data[:4] != GLB_MAGIC:
-        return False
+        return None
     try:
-        return is_container(open_document(data, Path(), Notes()).root)
+        document = open_document(data, Path(), Notes())
+        return document if is_container(document.root) else None
     except TexfError:
-        return False
+        return None
 
 
-def read_streams(document: Document) -> list[bytes]:
+def streams_of(document: Document) -> list[bytes]:
     """Return the streams of a file. Raises InputError TXF-I09 to I11."""
     views = part(extensions(document.root), EXTENSION).get("streams")
     if not isinstance(views, list) or not all(is_index(view) for view in views):

@@ -181,6 +181,9 @@ class Rewritten:
         pieces, length, placeholder = [], 0, 0
         for number, entry in enumerate(self.root.get("bufferViews", [])):
             old = self._numbers.get(number, number)
+            if old not in self._new and DEFLATED in extensions(entry):
+                self._new[old] = bytes(self.document.view(old)[0])
+                del entry["extensions"][DEFLATED]
             packed = next((extensions(entry)[name] for name in PACKED if name in extensions(entry)), None)
             owner = entry if packed is None else packed
             data = self._new[old] if old in self._new else self.document.stored(old)

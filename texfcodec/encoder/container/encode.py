@@ -168,7 +168,7 @@ def _write_part(document: Document, out: Rewritten, plan: Plan, part: CodedPart,
     rows = np.arange(len(points)) if part.part.rows is None else part.part.rows
     count, splits = sum(len(texf.units[n].lattice) for n in units), np.zeros((0, 2), np.int64)
     if part.keeps_vertices:
-        stored = _stored_arrays(document, part)
+        stored = _stored_arrays(document, plan, part)
         lined = line_up(texf, units, points, faces, _equal_rows([values[rows] for values, *_ in stored.values()], len(points)))
         count, splits = len(lined.source), lined.splits
         _write_stored(document, out, primitive, stored, rows[lined.source])
@@ -181,13 +181,15 @@ def _write_part(document: Document, out: Rewritten, plan: Plan, part: CodedPart,
     write_extension(primitive, description, at)
 
 
-def _stored_arrays(document, part):
+def _stored_arrays(document, plan, part):
     """Return {place in the primitive: (values [V, k], accessor)} of what is stored: attributes by name, targets by (n, name)."""
     primitive = document.entries("meshes")[part.mesh]["primitives"][part.number]
-    numbers = {name: primitive["attributes"][name] for name in part.stored}
+    attributes = plan.reader.attributes(part.mesh, part.number, part.stored)
+    arrays = {name: (values, primitive["attributes"][name]) for name, values in attributes.items()}
     for n, target in enumerate(primitive.get("targets", ())):
-        numbers |= {(n, name): number for name, number in target.items()}
-    return {key: (read_accessor(document, number, ("SCALAR", "VEC2", "VEC3", "VEC4")), number) for key, number in numbers.items()}
+        arrays |= {(n, name): (read_accessor(document, number, ("VEC2", "VEC3", "VEC4")), number)
+                   for name, number in target.items()}
+    return arrays
 
 
 def _equal_rows(arrays, count):

@@ -69,8 +69,8 @@ class CodedPart:
 @dataclass(kw_only=True)
 class Plan:
     """What is coded of a file. streams: parts of each stream; materials: as a stream holds them, by index in the file, with
-    textures of `textures`; slots: coded channels of each material; texcoord: number of the UV set that streams give it; remarks:
-    why primitives are not coded."""
+    textures of `textures`; slots: coded channels of each material; texcoord: number of the UV set that streams give it; reader:
+    of the file's meshes; remarks: why primitives are not coded."""
 
     streams: list[list[CodedPart]]
     materials: dict[int | None, Material]
@@ -78,6 +78,7 @@ class Plan:
     slots: dict[int | None, tuple[str, ...]]
     texcoord: dict[int | None, int]
     notes: Notes
+    reader: MeshReader
     remarks: list[str]
 
 
@@ -100,7 +101,7 @@ def plan_of(document: Document) -> Plan:
     _place_parts(document, parts)
     reduced = {number: _reduced(material, slots[number]) for number, material in materials.items()}
     return Plan(streams=_grouped(parts, reduced), materials=reduced, textures=shelf.textures, slots=slots, texcoord=texcoord,
-                notes=notes, remarks=remarks)
+                notes=notes, reader=reader, remarks=remarks)
 
 
 def _read_parts(document, reader, remarks):

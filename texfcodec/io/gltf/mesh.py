@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,6 +66,12 @@ class MeshReader:
         entry = self.document.entry("meshes", index)
         primitive = {key: value for key, value in entry["primitives"][number].items() if key != "targets"}
         return self._primitive(entry, primitive, f"mesh {title(entry, index)} primitive {number}", skinned=False)
+
+    def attributes(self, index: int, number: int, names: Iterable[str]) -> dict[str, np.ndarray]:
+        """Attributes of a primitive by name, [V, width] of all its vertices in their stored types."""
+        entry = self.document.entry("meshes", index)
+        source = self._source(entry["primitives"][number], f"mesh {title(entry, index)} primitive {number}")
+        return {name: source.stored(name, ("SCALAR", "VEC2", "VEC3", "VEC4")) for name in names}
 
     def drop_unused_uv(self) -> None:
         """Name the UV sets that no image uses."""

@@ -157,7 +157,7 @@ def test_joint_plug_in_answers_points(install):
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """A folder with both plug-ins, a mesh and a stream of each, and what runs a tool there: call("enc", ...) -> CompletedProcess."""
+    """A folder with both plug-ins, a mesh and a stream of each; what runs a tool there: call("enc", ...) -> CompletedProcess."""
     folder = tmp_path_factory.mktemp("bench")
     write_plugin(folder / "plugins", {"toy": "toy_package:Toy", "tint": "tint_package:Tinted"}, toy_package=TOY,
                  tint_package=JOINT)
@@ -172,7 +172,7 @@ def bench(tmp_path_factory):
                               capture_output=True, text=True, check=False)
 
     call.folder = folder
-    call.encoded = {name: call("enc", "in.obj", f"{name}.texf", "--codec", name, "--resolution", "16") for name in ("toy", "tint")}
+    call.encoded = {name: call("enc", "in.obj", f"{name}.texf", "--codec", name, "--resolution", 16) for name in ("toy", "tint")}
     return call
 
 

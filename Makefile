@@ -8,6 +8,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.texfcodec-installed
 DEMO   := $(VENV)/.texfcodec-demo
 
+unexport PYTHONDONTWRITEBYTECODE  # without it every process of the tests compiles all that it imports: a second each
 .DELETE_ON_ERROR:
 .PHONY: help demo test check conformance native wasm web site bench rate-points install clean
 

@@ -133,7 +133,7 @@ def test_what_was_found_is_coded_and_comes_back(asset, options, by_api):
     check(asset, options, by_api)
 
 
-@settings(max_examples=20, **MADE)
+@settings(max_examples=12, **MADE)
 @given(assets(), settings_of_encode(), st.booleans())
 def test_any_asset_at_any_setting_is_coded_and_comes_back_or_is_refused_by_a_code(asset, options, by_api):
     check(asset, options, by_api)

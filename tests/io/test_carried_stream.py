@@ -1,8 +1,6 @@
 """TEXF_stream: a GLB or glTF that carries a .texf stream beside a coarse level of it."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -198,41 +196,36 @@ def test_a_broken_glb_given_as_a_stream_is_an_error_with_a_code(data):
 # Command lines.
 
 
-def tool(name, *arguments):
-    return subprocess.run([sys.executable, "-m", f"texfcodec.cli.{name}", *map(str, arguments)], cwd=REPOSITORY,
-                          capture_output=True, text=True, timeout=120, check=False)
-
-
-def test_texf_dec_writes_it_and_takes_it_out(sheet, tmp_path):
+def test_texf_dec_writes_it_and_takes_it_out(sheet, tmp_path, call):
     source, glb, back = tmp_path / "a.texf", tmp_path / "a.glb", tmp_path / "b.texf"
     source.write_bytes(sheet)
-    run = tool("dec", source, glb, "--carry-stream", "--json")
-    facts = json.loads(run.stdout)
-    assert run.returncode == 0 and facts["texels"] == 16 and sum(facts["carried"].values()) == glb.stat().st_size
-    run = tool("dec", glb, back, "--json")
-    assert run.returncode == 0 and back.read_bytes() == sheet and json.loads(run.stdout)["bytes"]["total"] == len(sheet)
-    run = tool("dec", source, glb, "--carry-stream", "--lod", 0)
-    assert f"carries the stream ({len(sheet)} bytes) and a fallback (" in run.stdout and "1024 texels" in run.stdout
-    run = tool("dec", source, glb, "--carry-stream", "--fallback-faces", 7, "--json")
-    assert json.loads(run.stdout)["faces"] <= 7 and carried_in(glb) == sheet
-    assert tool("dec", source, glb, "--fallback-faces", 7).returncode == 1
-    assert tool("dec", source, tmp_path / "c.ply", "--carry-stream").returncode == 2
-    assert tool("dec", source, tmp_path / "c.texf", "--carry-stream").returncode == 1
-    assert "TXF-O07" in tool("dec", source, source).stderr
+    code, out, _ = call("texf-dec", source, glb, "--carry-stream", "--json")
+    facts = json.loads(out)
+    assert code == 0 and facts["texels"] == 16 and sum(facts["carried"].values()) == glb.stat().st_size
+    code, out, _ = call("texf-dec", glb, back, "--json")
+    assert code == 0 and back.read_bytes() == sheet and json.loads(out)["bytes"]["total"] == len(sheet)
+    _, out, _ = call("texf-dec", source, glb, "--carry-stream", "--lod", 0)
+    assert f"carries the stream ({len(sheet)} bytes) and a fallback (" in out and "1024 texels" in out
+    _, out, _ = call("texf-dec", source, glb, "--carry-stream", "--fallback-faces", 7, "--json")
+    assert json.loads(out)["faces"] <= 7 and carried_in(glb) == sheet
+    assert call("texf-dec", source, glb, "--fallback-faces", 7)[0] == 1
+    assert call("texf-dec", source, tmp_path / "c.ply", "--carry-stream")[0] == 2
+    assert call("texf-dec", source, tmp_path / "c.texf", "--carry-stream")[0] == 1
+    assert "TXF-O07" in call("texf-dec", source, source)[2]
 
 
-def test_tools_draw_and_measure_the_stream_itself(sheet, tmp_path):
+def test_tools_draw_and_measure_the_stream_itself(sheet, tmp_path, call):
     source, glb, broken = (tmp_path / name for name in ("a.texf", "a.glb", "b.glb"))
     source.write_bytes(sheet)
     glb.write_bytes(carrying(sheet)[0])
     broken.write_bytes(bent(sheet[:-9]).glb())
-    run = tool("eval", glb, glb, "--views", 2, "--size", 64, "--no-3d", "--json")
-    assert run.returncode == 0 and "fallback" in json.loads(run.stdout)["remarks"][0]
+    code, out, _ = call("texf-eval", glb, glb, "--views", 2, "--size", 64, "--no-3d", "--json")
+    assert code == 0 and "fallback" in json.loads(out)["remarks"][0]
     said = {}
     for path in (source, glb, broken):
-        run = tool("render", path, path.with_suffix(path.suffix + ".png"), "--size", 64, "--json")
-        assert run.returncode == 0, run.stdout + run.stderr
-        said[path] = json.loads(run.stdout)
+        code, out, err = call("texf-render", path, path.with_suffix(path.suffix + ".png"), "--size", 64, "--json")
+        assert code == 0, out + err
+        said[path] = json.loads(out)
     assert (tmp_path / "a.texf.png").read_bytes() == (tmp_path / "a.glb.png").read_bytes()
     assert said[source]["remarks"] == [] and "is read instead of its fallback" in said[glb]["remarks"][0]
     assert said[broken]["remarks"] == [] and "TXF-I25" in said[broken]["warnings"][0]

@@ -17,7 +17,7 @@ from texfcodec.scene.fetch import values_of_map
 from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_MASK, WRAP_CLAMP, Material
 
 CLAMPED = (WRAP_CLAMP, WRAP_CLAMP)
-EXACT = {"support": "texels", "max_error": 0}
+EXACT = {"support": "texels", "max_error": 0, "effort": "fast"}  # which measures no weights of channels
 NORMALS = ("normal", "clearcoat_normal")
 FACTORS = {p.name: tuple(0.5 + 0.125 * k for k in range(p.count)) for p in PARAMETERS}
 FACTORS |= {"ior": (1.25,), "iridescence_ior": (1.5,)}

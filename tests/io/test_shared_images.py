@@ -16,7 +16,7 @@ from texfcodec.scene.scene import Material, Scene, Texture
 from texfcodec.scene.srgb import linear_to_srgb, srgb_to_linear
 
 OPAQUE = np.array([0, 0, 0, 255], np.uint8)
-EXACT = {"support": "texels", "max_error": 0}
+EXACT = {"support": "texels", "max_error": 0, "effort": "fast"}
 
 
 def side_by_side(materials, images):

@@ -36,6 +36,12 @@ def entry_of(path):
     return dict(line.split(None, 1) for line in block.splitlines()[1:] if " " in line)
 
 
+@pytest.fixture(scope="module")
+def rich():
+    """Decoded, with a map of every channel and a value of every parameter."""
+    return coded(everything())
+
+
 @pytest.mark.parametrize("support", ["texels", "voxels"])
 def test_an_obj_has_the_maps_and_factors_that_mtl_knows(tmp_path, support):
     maps = {name: waves(number) for number, name in enumerate(IN_MTL)}
@@ -115,8 +121,8 @@ def test_another_reader_finds_the_normals_of_an_obj(tmp_path):
     assert found == {tuple(row) for row in (np.round(texf.shading_normals().reshape(-1, 3).astype(float), 2) + 0.0).tolist()}
 
 
-def test_what_an_obj_cannot_hold_is_named_effect_by_effect(tmp_path):
-    dropped = save(coded(everything()), tmp_path / "a.obj")["dropped"]
+def test_what_an_obj_cannot_hold_is_named_effect_by_effect(rich, tmp_path):
+    dropped = save(rich, tmp_path / "a.obj")["dropped"]
     wanted = ("double-sidedness", "occlusion map", "clearcoat", "clearcoat normal map", "sheen", "specular reflection",
               "transmission", "volume", "iridescence", "anisotropy", "diffuse transmission", "dispersion", "index of refraction")
     assert dropped == [f"{words} of material 'sheet'" for words in wanted]
@@ -156,19 +162,18 @@ def test_a_ply_names_images_whose_detail_vertices_do_not_show(tmp_path):
     assert save(plain, tmp_path / "b.ply")["dropped"] == ["metalness of material 'sheet'"]
 
 
-def test_an_npz_holds_every_channel_factor_and_normal(tmp_path):
+def test_an_npz_holds_every_channel_factor_and_normal(rich, tmp_path):
     import json
 
-    texf = coded(everything())
-    assert save(texf, tmp_path / "a.npz")["dropped"] == []
+    assert save(rich, tmp_path / "a.npz")["dropped"] == []
     with np.load(tmp_path / "a.npz") as held:
-        for name, plane in texf.fields[0].planes.items():
+        for name, plane in rich.fields[0].planes.items():
             if name not in ("base_colour", "alpha"):
                 assert np.array_equal(held[f"field0_{name}"], plane)
-                assert np.array_equal(held[f"field0_{name}_at"], texf.fields[0].support_of(name).xy())
-        assert np.array_equal(held["corner_normal"], texf.shading_normals())
+                assert np.array_equal(held[f"field0_{name}_at"], rich.fields[0].support_of(name).xy())
+        assert np.array_equal(held["corner_normal"], rich.shading_normals())
         (material,) = json.loads(str(held["materials"]))
-    assert set(material["parameters"]) == set(FACTORS) and material["maps"] == sorted(texf.materials[0].maps)
+    assert set(material["parameters"]) == set(FACTORS) and material["maps"] == sorted(rich.materials[0].maps)
 
 
 def test_an_npz_of_colours_names_the_maps_that_it_leaves_out(tmp_path):

@@ -31,7 +31,7 @@ def test_vectors_go_through_the_workers_under_a_narrow_policy():
 
 
 def test_the_loader_refuses_says_and_leaves_nothing():
-    run = run_in_chromium("loader")
+    run = run_in_chromium("loader", "--loads", "12")
     assert run.returncode == 0 and run.stdout.count("ok  ") >= 18, run.stdout + run.stderr
 
 

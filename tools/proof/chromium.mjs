@@ -2,7 +2,7 @@
 // aborts, disposals, a lost context and many loads.
 //
 //   node tools/proof/chromium.mjs vectors [--times FILE.texf ...] [CASE ...]     CASE as of conformance/run.py, which compares
-//   node tools/proof/chromium.mjs loader [--pictures FOLDER] [FILE.texf ...]     a line a check; the last two take the files, or two vectors
+//   node tools/proof/chromium.mjs loader [--loads 50] [--pictures FOLDER] [FILE.texf ...]     a line a check; the last two take the files, or two vectors
 //
 // Call it in a folder that has three and playwright-core, such as js/ after npm install; $PYTHON is python3 where nothing is said. What
 // the page writes to its console is a failure. Ends with 0 or 7. With $TEXF_ASK it is the decoder's command that conformance/run.py calls.
@@ -116,6 +116,7 @@ const ONCE = [ // what it is, the code that it is refused with, the check of the
 ];
 
 async function loader() {
+  const loads = given[0] === '--loads' ? Number(given.splice(0, 2)[1]) : 50;
   const pictures = given[0] === '--pictures' ? given.splice(0, 2)[1] : null;
   const streams = given.length ? given : [vector('subset/texels'), vector('subset/k33')], good = await readFile(vector('subset/texels'));
   let closed = 0; // downloads that the page gave up
@@ -159,9 +160,9 @@ async function loader() {
       report(`a lost context comes back, ${title}`, outcome.differ === 0 && outcome.covered > 1000, outcome);
       await check('clear');
       await check('loads', `/cache/${n}.texf`, 5);
-      const before = await heap(), first = await check('loads', `/cache/${n}.texf`, 1), last = await check('loads', `/cache/${n}.texf`, 50);
+      const before = await heap(), first = await check('loads', `/cache/${n}.texf`, 1), last = await check('loads', `/cache/${n}.texf`, loads);
       const grown = await heap() - before, workers = opened.workers().length, same = JSON.stringify(first) === JSON.stringify(last);
-      report(`50 loads and disposals, ${title}`, same && workers === 0 && last.geometries === 0 && grown < 2, { ...last, workers, grown_MB: grown.toFixed(2), heap_MB: before.toFixed(1) });
+      report(`${loads} loads and disposals, ${title}`, same && workers === 0 && last.geometries === 0 && grown < 2, { ...last, workers, grown_MB: grown.toFixed(2), heap_MB: before.toFixed(1) });
     }
   });
 }

@@ -42,14 +42,13 @@ export class Stage {
       lamp.position.set(...direction);
       this.scene.add(lamp);
     }
-    this.lightUp();
     const fragmentShader = DIFFERENCE, vertexShader = 'void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }';
     this.difference = new ShaderMaterial({vertexShader, fragmentShader, uniforms: {first: {}, second: {}, hottest: {}}, depthTest: false});
     this.sheet = new Scene().add(new Mesh(new PlaneGeometry(2, 2), this.difference));
     this.sheet.children[0].frustumCulled = false;
   }
 
-  /** The sky as light from everywhere; anew after a context was lost. */
+  /** The sky as light from everywhere: seconds where no GPU is, so once it is seen; anew after a context was lost. */
   lightUp() {
     const values = new Float32Array(8 * SKY * SKY).fill(1), {powers} = this.light; // 2 SKY columns, all alike
     for (let i = 0; i < SKY; i++) {
@@ -117,10 +116,15 @@ export class Stage {
     return filled.length < 2 ? filled : {single: [0], other: [1]}[mode] ?? filled;
   }
 
+  dress(settings) {
+    this.assets.forEach((asset) => dress(asset, settings));
+    if (settings.lit && settings.layer === 'picture' && !this.scene.environment && this.assets.some(({isLit}) => isLit)) this.lightUp();
+  }
+
   /** Draws what settings {mode, slider, hottest, layer, lit, without} show. */
   draw(view, settings) {
     const {renderer} = this, [width, height] = renderer.getSize(new Vector2()).toArray(), shown = this.shownIn(settings.mode);
-    this.assets.forEach((asset) => dress(asset, settings));
+    this.dress(settings);
     const isPair = shown.length > 1, halves = isPair && settings.mode === 'side', line = Math.round(settings.slider * width);
     view.aim([halves ? width / 2 : width, height], this.reach);
     renderer.setScissorTest(false);
@@ -171,7 +175,7 @@ export class Stage {
   /** How far both pictures of the settings are apart: psnrOf(). The canvas needs to be drawn again. */
   compare(view, settings) {
     const [width, height] = this.renderer.getSize(new Vector2()).toArray();
-    this.assets.forEach((asset) => dress(asset, settings));
+    this.dress(settings);
     view.aim([width, height], this.reach);
     this.renderer.setViewport(0, 0, width, height);
     return psnrOf(this.pixels(0, view), this.pixels(1, view));

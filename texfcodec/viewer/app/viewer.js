@@ -47,7 +47,7 @@ export class Viewer {
     });
     canvas.addEventListener('webglcontextrestored', () => setTimeout(() => { // once three.js has heard of it
       say('');
-      this.stage.lightUp();
+      if (this.stage.scene.environment) this.stage.lightUp();
       this.touch();
     }));
   }

@@ -8,6 +8,7 @@ from gltf_scenes import SCENES, skinned, tree_of
 from mesh_files import load_bytes
 
 import texfcodec
+from texfcodec.encoder.container.keyframes import TOLERANCE, kept_keys
 from texfcodec.errors import InputError
 from texfcodec.io.container.references import texture_infos
 from texfcodec.io.gltf.accessor import read_accessor
@@ -162,3 +163,43 @@ def test_the_tools_code_and_expand_a_scene(call, tmp_path):
     assert code == 0 and "ordinary glTF" in out
     assert kept_json(tree_of(plain.read_bytes())) == kept_json(tree_of(source.read_bytes()))
     assert call("texf-dec", coded_file, tmp_path / "plain.obj")[0] == 1
+
+
+@pytest.mark.parametrize(("mode", "is_rotation"), [("LINEAR", False), ("STEP", False), ("LINEAR", True)])
+def test_keyframes_that_stay_give_the_others_within_the_tolerance(mode, is_rotation):
+    """By interpolation as glTF defines it, between the keys that stay; a straight run keeps its ends alone."""
+    random = np.random.default_rng(2)
+    times = np.cumsum(random.random(200) + 0.1)
+    values = np.cumsum(random.random((200, 4)) * (random.random((200, 1)) < 0.1), axis=0)
+    values[50:120] = values[50] + np.linspace(0, 1, 70)[:, None] * (values[119] - values[50]) if mode == "LINEAR" else values[50]
+    if is_rotation:
+        values = values + 1
+        values /= np.linalg.norm(values, axis=1, keepdims=True)
+    kept = kept_keys(times, values, mode, is_rotation)
+    tolerance = TOLERANCE * (1 if is_rotation else np.ptp(values, axis=0).max()) * (1 + 1e-9)
+    shown = np.empty_like(values)
+    for first, last in zip(kept[:-1], kept[1:], strict=True):
+        share = ((times[first : last + 1] - times[first]) / (times[last] - times[first]))[:, None]
+        shown[first : last + 1] = values[first] if mode == "STEP" else _between(values[first], values[last], share, is_rotation)
+        shown[last] = values[last]
+    assert kept[0] == 0 and kept[-1] == 199 and 2 < len(kept) < 160
+    assert np.abs(shown - values).max() <= tolerance
+
+
+def _between(first, last, share, is_rotation):
+    if not is_rotation:
+        return first + share * (last - first)
+    angle = np.arccos(np.clip(first @ last, -1, 1))
+    return first + share * (last - first) if angle < 1e-9 else \
+        (np.sin((1 - share) * angle) * first + np.sin(share * angle) * last) / np.sin(angle)
+
+
+def test_keep_animations_keeps_every_keyframe(coded):
+    source = SCENES["spinning"]().glb()
+    every = texfcodec.expand(texfcodec.encode_gltf(source, {**OPTIONS, "keep_animations": True}).data)
+    assert [_keys(file) for file in (source, every, coded["spinning"][2])] == [5, 5, 5]
+
+
+def _keys(data):
+    root = tree_of(data)
+    return root["accessors"][root["animations"][0]["samplers"][0]["input"]]["count"]

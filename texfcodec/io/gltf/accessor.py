@@ -66,8 +66,8 @@ def _from_view(document, view, offset, shape, dtype, index):
 
 def rows_of_view(view: tuple[memoryview | bytes, int | None], offset: int, shape: tuple[int, int], dtype: np.dtype,
                  index: int) -> np.ndarray:
-    """Array [count, width] over a bufferView. view: (bytes, byteStride or None); index: of the accessor. Raises InputError TXF-I11
-    if the array leaves the view."""
+    """Array [count, width] over a bufferView, which is (bytes, byteStride or None). index: of the accessor. Raises InputError
+    TXF-I11 if the array leaves the view."""
     (data, stride), (count, width) = view, shape
     size = width * dtype.itemsize
     stride = stride or size

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -212,6 +213,7 @@ class Codec(ABC):
     checksum_clause: str = "7.10"  # of the specification, about the checksum of decoded values
     small: tuple[dict, ...] = ()  # EncodeOptions of short runs that compile the codec's kernels
     kernels: tuple[str, ...] = ()  # files of the package with kernels that every run enters
+    settings_type: type[Any] | None = None  # frozen dataclass of the settings of enc(): its fields are EncodeOptions
 
     @property
     def parameters(self) -> Structure:
@@ -258,10 +260,13 @@ class Codec(ABC):
         Returns
         -------
         Settings
-            A frozen dataclass of the codec's own. A plane codec's has "qp", "max_error" and "chroma_qp_offset". The default
-            returns options unchanged.
+            An object of settings_type. A plane codec's has "qp", "max_error" and "chroma_qp_offset". Without a settings_type
+            the options unchanged.
         """
-        return options
+        if self.settings_type is None:
+            return options
+        names = {field.name for field in fields(self.settings_type)} & options.given.keys()
+        return self.settings_type(**{name: getattr(options, name) for name in names})
 
     def check_options(self, options: EncodeOptions) -> None:
         """Refuses options that contradict each other.

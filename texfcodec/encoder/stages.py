@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from ..codecs.base import Source
     from ..geometry.surface import Surface
-    from ..options import EncodeOptions
     from ..scene.scene import Material, Scene
     from .decision import Decision
     from .mesh.choice import SentMesh
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from .supports.choice import Supports
     from .supports.texel_plan import TexelPlan
     from .values.source_field import SourceField
+    from .values.stage import FillRequest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,12 +96,12 @@ class Placed:
 class Filled:
     """Everything that the stream holds but coded values; it does not depend on the QP except through the choice of supports.
 
-    request: unchanged; price: at the coded quality, at the chosen K; surface: the sent mesh; geometry, source: as of Placed;
+    request: of the values; price: at the coded quality, at the chosen K; surface: the sent mesh; geometry, source: as of Placed;
     fields: SourceFields with values, without them if the codec reads the source itself; materials: as the stream holds them;
     resolution: K, None if no field is over voxels; evidence: of every choice by its name.
     """
 
-    request: EncodeOptions
+    request: FillRequest
     price: Lagrangian
     surface: Surface
     geometry: list[dict]

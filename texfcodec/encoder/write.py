@@ -89,7 +89,7 @@ def _without_values(filled: Filled, report: Report) -> Stream:
     stream.materials = [material_values(m, rule) for m, rule in zip(filled.materials, shading.rules, strict=True)]
     stream.sharp_edges, stream.coded_normals = shading.sharp_edges, shading.coded_normals
     stream.fields = [field_values(i, part.support, part.threshold) for i, part in enumerate(filled.fields)]
-    stream.metadata = metadata_bytes(scene.metadata | _samplers(filled.fields), filled.request, report)
+    stream.metadata = metadata_bytes(scene.metadata | _samplers(filled.fields), filled.price.limits, report)
     return stream
 
 

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ...limits import Limits
-    from ...options import EncodeOptions
     from ...scene.scene import Scene
     from ..caches import Cache
     from ..price import Lagrangian
@@ -115,14 +114,6 @@ class MeshRequest:
     limits: Limits
     allow_empty: bool
     strict: bool
-
-    @classmethod
-    def of(cls, options: EncodeOptions) -> MeshRequest:
-        """The part of a request that the choice reads."""
-        assert options.position_bits is not None  # its __post_init__ fills it in
-        return cls(position_bits=options.position_bits, position_bits_are_free=options.position_bits_are_free,
-                   mesh_is_free=options.mesh_is_free, effort=options.effort, partition=options.partition, limits=options.limits,
-                   allow_empty=options.allow_empty, strict=options.strict)
 
 
 class _LatticeKey(NamedTuple):

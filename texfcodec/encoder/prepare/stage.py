@@ -13,7 +13,6 @@ from .uniform_colour import material_colours
 
 if TYPE_CHECKING:
     from ...limits import Limits
-    from ...options import EncodeOptions
     from ...report import Report
     from ...scene.scene import Scene
 
@@ -30,14 +29,6 @@ class PrepareRequest:
     measures_weights: bool
     rate_is_free: bool
     threads: int
-
-    @classmethod
-    def of(cls, options: EncodeOptions) -> PrepareRequest:
-        """Return the part of a request that the stage depends on."""
-        assert options.position_bits is not None  # its __post_init__ fills it in
-        return cls(position_bits=options.position_bits, position_bits_are_free=options.position_bits_are_free,
-                   limits=options.limits, allow_empty=options.allow_empty, effects=options.effects,
-                   measures_weights=options.effort != "fast", rate_is_free=options.rate_is_free, threads=options.threads)
 
 
 def prepare(scene: Scene, request: PrepareRequest, report: Report) -> Prepared:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...codecs import codec_of
 from ...core.threads import in_order
 from ...errors import LimitError
 from ...geometry.draco import split_corners
@@ -34,7 +33,6 @@ from .uv_rounding import rounding_errors
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
-    from ...options import EncodeOptions
     from ...scene.scene import Scene
     from ..caches import Caches
     from ..price import Lagrangian
@@ -74,12 +72,6 @@ class SupportRequest:
     mesh_is_free: bool
     is_joint: bool
     finer: frozenset[int] = frozenset()
-
-    @classmethod
-    def of(cls, options: EncodeOptions, finer: frozenset[int] = frozenset()) -> SupportRequest:
-        """Return the part of a request that the choice depends on."""
-        return cls(support=options.support, texel_size=options.texel_size, rate_is_free=options.rate_is_free,
-                   mesh_is_free=options.mesh_is_free, is_joint=codec_of(options.codec).joint, finer=finer)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,6 +30,7 @@ from ..render.environment import DAYLIGHT
 from ..report import Report
 from .caches import Cache, Caches
 from .encode import Encoder
+from .faces import SentSurface
 from .mesh.choice import FEWEST
 from .place.geometry_units import code_geometry, geometry_bytes
 from .place.stage import OverBudget
@@ -128,7 +129,7 @@ def encode_to_target(scene: Scene, options: EncodeOptions, report: Report) -> En
 def least_bytes(scene: Scene, options: EncodeOptions) -> tuple[int, int]:
     """Return (bytes of the header, bytes of the geometry) of a scene with one field over voxels and the fewest position bits that
     the encoder takes. This is known before any colour is read."""
-    surface = make_surface(scene, Requests.of(options).prepare)
+    surface = SentSurface(make_surface(scene, Requests.of(options).prepare))
     geometry, _ = code_geometry(surface, np.zeros(len(surface.faces), np.int64), {})
     header = Stream(header_values([], surface, geometry, 1, groups_of(set(), False)))
     return len(write_stream(header)[0]), geometry_bytes(geometry)

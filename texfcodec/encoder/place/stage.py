@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ...report import Report
     from ...scene.scene import Scene
     from ..stages import Meshed, Shaded
-    from ..supports.texel_plan import TexelPlan
+    from ..supports.texel_plan import SentPlan
     from ..values.source_field import SourceField
 
 
@@ -60,7 +60,7 @@ def place(shaded: Shaded, budget: int | None, report: Report) -> Placed:
     return Placed(shaded=shaded, geometry=geometry, source=source, fields=fields, names=names[:first])
 
 
-def _field_numbers(meshed: Meshed, plans: list[TexelPlan], first: int) -> tuple[np.ndarray, np.ndarray]:
+def _field_numbers(meshed: Meshed, plans: list[SentPlan], first: int) -> tuple[np.ndarray, np.ndarray]:
     """Return field numbers, int64, of the faces of the sent mesh, and of the source's faces on it; TexelPlans are numbered from
     `first` on."""
     sent = meshed.mesh.value

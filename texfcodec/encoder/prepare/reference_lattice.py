@@ -9,9 +9,9 @@ import numpy as np
 
 from ...geometry.canonical import MAX_BITS
 from ...geometry.surface import make_surface
+from ..faces import SourceSurface
 
 if TYPE_CHECKING:
-    from ...geometry.surface import Surface
     from ...scene.scene import Scene
     from .stage import PrepareRequest
 
@@ -20,14 +20,14 @@ FEWEST, MOST_LEFT_OUT = 12, 0.5  # faces that a cell has to lose, and share of i
 BITS_A_STEP = 2
 
 
-def reference_surface(scene: Scene, request: PrepareRequest) -> Surface:
+def reference_surface(scene: Scene, request: PrepareRequest) -> SourceSurface:
     """Return the scene on its lattice at the requested position bits, or at more if the encoder may choose them and a statue
     beside a large ground would collapse. Raises InputError and LimitError as make_surface()."""
     surface = make_surface(scene, request)
     while request.position_bits_are_free and surface.cube.position_bits < MAX_BITS and _loses_a_part(scene, surface):
         bits = min(surface.cube.position_bits + BITS_A_STEP, MAX_BITS)
         surface = make_surface(scene, replace(request, position_bits=bits))
-    return surface
+    return SourceSurface(surface)
 
 
 def _loses_a_part(scene, surface):

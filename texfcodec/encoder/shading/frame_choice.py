@@ -23,16 +23,17 @@ from ...scene.channels import BY_NAME, NORMAL_MAPS
 from ...scene.factors import factor_of
 from ...scene.fetch import values_of_map
 from ..decision import Decision
+from ..faces import SentFaces
 from ..prepare.channel_weights import shown_of_radians
-from ..supports.texel_plan import TexelPlan, wrapped
+from ..supports.texel_plan import SentPlan, wrapped
 from ..values.shown_maps import NORMAL, Frames, frame_rotation
 from .normal_rules import ENOUGH, POINTS, quantiles, tolerance_of
 from .rotated_normal_map import mean_matrices, rotate_normal_map
 
 if TYPE_CHECKING:
-    from ...geometry.surface import Surface
     from ...scene.scene import Scene
     from ..caches import Cache
+    from ..faces import SentSurface
     from ..price import Lagrangian
     from .normal_rules import Shading
 
@@ -53,11 +54,11 @@ LEAST_GAIN, DECIBELS_A_DOUBLING = 0.02, 6.0
 @dataclass(frozen=True)
 class _Mapped:
     """Faces of a plan with a normal map, and frames of their corners, columns along u, along v and outwards, of the source and of
-    a decoder. faces: int64 [N] of the surface; uv: float64 [N, 3, 2], texels of the group's image; area: float64 [N]; source,
+    a decoder. faces: [N]; uv: float64 [N, 3, 2], texels of the group's image; area: float64 [N]; source,
     decoder: float32 [N, 3, 3, 3]."""
 
-    plan: TexelPlan
-    faces: np.ndarray
+    plan: SentPlan
+    faces: SentFaces
     uv: np.ndarray
     area: np.ndarray
     source: np.ndarray
@@ -78,16 +79,16 @@ class _Mapped:
         blocks = [self.between(slice(begin, begin + BLOCK)) for begin in range(0, len(self.faces), BLOCK)]
         return np.concatenate([np.sqrt(((block - np.eye(3)) ** 2).sum(axis=(2, 3))).max(axis=1) for block in blocks])
 
-    def in_two(self, apart: np.ndarray) -> list[TexelPlan]:
+    def in_two(self, apart: np.ndarray) -> list[SentPlan]:
         """Return two plans: of some faces, bool [N], and of the others, with the faces without a normal map."""
         group = self.plan.group
         chosen = np.isin(group.faces, self.faces[apart])
-        return [replace(self.plan, group=replace(group, faces=group.faces[part], uv=group.uv[part]))
+        return [replace(self.plan, group=replace(group, faces=SentFaces(group.faces[part]), uv=group.uv[part]))
                 for part in (~chosen, chosen) if part.any()]
 
 
-def fit_frames(scene: Scene, surface: Surface, shading: Shading, plans: list[TexelPlan], price: Lagrangian,
-               cache: Cache) -> Decision[list[TexelPlan]]:
+def fit_frames(scene: Scene, surface: SentSurface, shading: Shading, plans: list[SentPlan], price: Lagrangian,
+               cache: Cache) -> Decision[list[SentPlan]]:
     """Return the Decision on plans over texels whose normal maps suit the frames of a decoder, some of them in two if that pays.
     Its evidence has the remaining error of the normals that light sees, the maps themselves being exact.
 
@@ -123,7 +124,7 @@ class _Fitted:
     """The result of fitting a plan. errors: degrees at points float64 [M]; area: of the faces with a normal map; turned:
     texels."""
 
-    plans: list[TexelPlan]
+    plans: list[SentPlan]
     errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
     area: float = 0.0
     turned: int = 0
@@ -162,7 +163,7 @@ def _judged(plans, bent, qp):
     weight = np.concatenate([np.full(len(fit.errors), fit.area / len(fit.errors)) for fit in bent])
     degrees = [round(value, 3) for value in quantiles(errors, weight, POINTS)]
     share = round(float(np.average(errors > ELSEWHERE, weights=weight)), 4)
-    evidence = {"mapped_degrees": degrees, "mapped_elsewhere": share, "turned_texels": sum(fit.turned for fit in bent),
+    evidence = {"mapped_degrees": degrees, "mapped_elsewhere": share, "rotate_normal_map": sum(fit.turned for fit in bent),
                 "split_fields": sum(len(fit.plans) > 1 for fit in bent)}
     allowed = max(tolerance_of(qp), 1.0)
     if degrees[0] <= ENOUGH[0] * allowed and degrees[1] <= ENOUGH[1] * allowed:

@@ -27,7 +27,7 @@ from ..values.unit_qp import has_few_colours
 from .image_groups import image_groups
 from .probe import TEXEL_CELL, VOXEL_CELL, TrialCoding
 from .reference_density import REFERENCE_K, reference_values, texels_shown
-from .texel_plan import TexelPlan, covered_texels, most_fraction_bits
+from .texel_plan import SourcePlan, TexelPlan, covered_texels, most_fraction_bits
 from .trial import Trials
 from .uv_rounding import rounding_errors
 
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...scene.scene import Scene
     from ..caches import Caches
+    from ..faces import LatticeFaces, SourceSurface
     from ..price import Lagrangian
     from ..stages import Prepared
     from .image_groups import ImageGroup
@@ -82,7 +83,7 @@ class Supports:
     and maps are likely to take, 0 if nothing was tried; colour_mse: squared error of colours and alpha alone, without a weight in
     light, None if mse is."""
 
-    plans: list[TexelPlan]
+    plans: list[SourcePlan]
     resolution: int
     qp_offset: int
     values: float
@@ -109,7 +110,7 @@ class _Candidate:
     encode; voxels: the TrialCoding at K resolution; extra_bytes: additional cost over voxels, on the source's mesh; goes: whether
     it was chosen; evidence: for the report."""
 
-    plan: TexelPlan
+    plan: SourcePlan
     texels: TrialCoding
     finer: bool = False
     voxels: TrialCoding | None = None
@@ -181,7 +182,7 @@ class _Choice:
     """The inputs of every step of the choice."""
 
     scene: Scene
-    surface: Surface
+    surface: SourceSurface
     price: Lagrangian
     request: SupportRequest
     caches: Caches
@@ -191,7 +192,7 @@ class _Choice:
         """Trial codings at the prices of the choice."""
         return Trials(self.price, self.caches.regions)
 
-    def candidates(self, groups: list[ImageGroup], colours: np.ndarray, evidence: dict, step: Step) \
+    def candidates(self, groups: list[ImageGroup[LatticeFaces]], colours: np.ndarray, evidence: dict, step: Step) \
             -> tuple[Decision[Supports], ...]:
         """Choose for each image by itself, then K and position bits for all together. The promise of the rate is dropped if it
         would take more bytes than the source's files."""
@@ -253,7 +254,7 @@ class _Choice:
         """Return whether a material of an image was too coarse in an earlier encode."""
         return bool(self.request.finer & set(row["materials"]))
 
-    def _candidate(self, group: ImageGroup, row: dict, region: SampleRegion | None) -> _Candidate:
+    def _candidate(self, group: ImageGroup[LatticeFaces], row: dict, region: SampleRegion | None) -> _Candidate:
         """Return the _Candidate of an image group, at the size and with the bits of UVs that cost the least. row: of the report,
         before any trial. Raises LimitError."""
         plan = _plan(group, self._coded_size(group))
@@ -448,7 +449,7 @@ def _coarsest(price, request):
     return min(price.resolution, COARSEST_K) if request.rate_is_free else price.resolution
 
 
-def moved_plans(plans: list[TexelPlan], scene: Scene, surface: Surface) -> list[TexelPlan]:
+def moved_plans(plans: list[SourcePlan], scene: Scene, surface: SourceSurface) -> list[SourcePlan]:
     """Return the plans on another lattice, on which the same groups may have other faces."""
     out, groups = [], image_groups(scene, surface) if plans else []
     for plan in plans:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
@@ -15,12 +15,13 @@ from ...geometry.draco import MAX_UV_BITS
 from ...scene.fetch import CURVE_STEPS
 from ...scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR
 from ...scene.srgb import linear_to_srgb, srgb_to_linear
+from ..faces import Faces
 from .resample import resampled
 from .texel_means import texel_means
 
 if TYPE_CHECKING:
-    from ...geometry.surface import Surface
     from ...scene.scene import Scene
+    from ..faces import LatticeFaces, SourceSurface
 
 PAINT_BITS = 2  # of UVs where vertex colours go into texels
 FAR_BITS, FAR_WINDOW = 2, 1 << 16  # of UVs below the texel that far ones keep; texels around the median that are not far
@@ -28,14 +29,14 @@ MOST_SPREAD = 0.02  # of linear vertex colours within a texel, 0..1: more of it 
 
 
 @dataclass(frozen=True)
-class ImageGroup:
+class ImageGroup(Generic[Faces]):
     """Faces that share an image. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64 [4],
     linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image; palette: whether
     it is one texel for each colour; nearest: whether its texels are squares of one colour (Texture.nearest); maps: uint8 [h, w,
     4] of further channels by name, with the same UVs, none larger; key: identity among groups; smaller: a cache of the image at
     other sizes, float32 [h, w, 4] by (width, height)."""
 
-    faces: np.ndarray
+    faces: Faces
     image: np.ndarray
     wrap: tuple[int, int]
     factor: np.ndarray
@@ -97,7 +98,7 @@ def brought_near(uv: np.ndarray, size: tuple[int, int], wrap: tuple[int, int]) -
     return out
 
 
-def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
+def image_groups(scene: Scene, surface: SourceSurface) -> list[ImageGroup[LatticeFaces]]:
     """Return the groups of a surface: faces with the same images (by content), wrap modes, factor and use of alpha; one group for
     the faces of a material with vertex colours, these in its texels; and one palette for the faces of materials without an image.
 
@@ -105,7 +106,7 @@ def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
     those with UVs that are not finite or too far out, and those whose images differ in UVs or wrap modes.
     """
     groups: dict[tuple, list[tuple]] = {}
-    painted: list[ImageGroup | None] = []
+    painted: list[ImageGroup[LatticeFaces] | None] = []
     plain = _plain_faces(scene, surface)
     digests = _digests(scene.textures)
     for number in np.unique(surface.material):

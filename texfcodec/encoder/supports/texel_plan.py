@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ...geometry.draco import MAX_UV_BITS
 from ...scene.channels import BY_NAME
 from ...scene.fetch import values_of_map
 from ...scene.scene import WRAP_CLAMP, WRAP_REPEAT
+from ..faces import Faces, LatticeFaces, SentFaces
 from ..values.shown_maps import frame_rotation, rotate_xy
 from ..values.source_field import SourceField, colour_planes
 from .resample import resampled
@@ -31,11 +32,11 @@ FULL_BITS = 2  # of UVs where only the weights of texels are at stake
 
 
 @dataclass(frozen=True)
-class TexelPlan:
+class TexelPlan(Generic[Faces]):
     """A planned field over texels. group: ImageGroup; size: coded (width, height); fraction_bits: of its UVs; qp_offset: of its
     values, to the rate's QP."""
 
-    group: ImageGroup
+    group: ImageGroup[Faces]
     size: tuple[int, int]
     fraction_bits: int
     qp_offset: int = 0
@@ -86,6 +87,10 @@ class TexelPlan:
         return shown_area(steps, np.arange(len(steps)).reshape(-1, 3), FULL_BITS, size, group.wrap, area)
 
 
+SourcePlan = TexelPlan[LatticeFaces]  # of faces of a SourceSurface
+SentPlan = TexelPlan[SentFaces]  # of faces of the SentSurface
+
+
 def _stretched(values, size):
     """Return an image float32 [H, W, C] at a size that is larger on at least one side, bilinear."""
     from PIL import Image
@@ -123,7 +128,7 @@ def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows
     return referenced_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, most)
 
 
-def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Source, limits: Limits, threads: int) -> SourceField:
+def texel_field(plan: SentPlan, uv: np.ndarray, faces: np.ndarray, source: Source, limits: Limits, threads: int) -> SourceField:
     """Return the SourceField of a plan over its decoded surface. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError."""
     keys = covered_texels(plan, uv, faces, limits.samples, limits.voxels)
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,

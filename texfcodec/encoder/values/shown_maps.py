@@ -19,6 +19,7 @@ from ...scene.fetch import map_columns, pack_map, sample_source, values_of_map
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...scene.scene import Scene
+    from ..faces import SentFaces, SentSurface, SourceSurface
 
 NORMAL = "normal"  # the channel
 SAME_FRAME = 0.05  # of a matrix: three degrees, which averaging over vertices explains
@@ -109,11 +110,11 @@ class Frames:
         return self._tangents[key]
 
 
-def with_folded_normals(scene: Scene, surface: Surface, flat: np.ndarray) -> Scene:
+def with_folded_normals(scene: Scene, surface: SentSurface, flat: SentFaces) -> Scene:
     """Return the scene with new shading normals on flat faces: those of its normal map in the frame of the file's TANGENTs. UVs
     without area give a decoder no frame, so the map has no effect there (spec 8.5.2).
 
-    flat: int64 [N], faces of the surface whose UVs have no area.
+    flat: faces whose UVs have no area.
     """
     if scene.corner_tangent is None or scene.corner_normal is None:
         return scene
@@ -153,7 +154,7 @@ def _have_tangents(scene):
 class ShownMaps:
     """Values of maps at places on a surface: the `maps` of a codecs.base.Source. Arguments as those of Frames."""
 
-    def __init__(self, scene: Scene, surface: Surface, rebuilt: Callable[[], np.ndarray]) -> None:
+    def __init__(self, scene: Scene, surface: SourceSurface, rebuilt: Callable[[], np.ndarray]) -> None:
         self.scene, self.surface, self._rebuilt = scene, surface, rebuilt
         self._packed: dict[str, tuple] = {}
 

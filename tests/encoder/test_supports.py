@@ -358,9 +358,9 @@ def test_images_that_stay_over_voxels_count_by_their_texels_together(monkeypatch
                     textures=[Texture(smooth_image(16, 16, 2, seed)) for seed in (0, 1)])
     weights, of = [], Trials.region
 
-    def region(trials, scene, surface, faces, *texels):
-        made = of(trials, scene, surface, faces, *texels)
-        if len(faces) == len(surface.faces):
+    def region(trials, faces, *texels):
+        made = of(trials, faces, *texels)
+        if len(faces) == len(trials.surface.faces):
             weights.append(made.weight)
         return made
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..options import DecodeOptions, EncodeOptions
     from ..report import Report
     from ..scene.channels import Channel
-    from ..scene.scene import Scene
+    from ..scene.scene import Material, Scene
 
 Settings = Any  # of Codec.settings(): a dataclass of each codec's own
 PROFILES = ("base", "lossless", "neural")  # spec 10.3, each with what those before it have
@@ -132,6 +132,19 @@ class Source(NamedTuple):
         bool [F], over the faces of surface
         """
         return np.array([channel.material_name in m.maps for m in self.scene.materials], bool)[self.surface.material]
+
+    def materials_of(self, field: int) -> list[Material]:
+        """Lists the materials of a field's faces.
+
+        Parameters
+        ----------
+        field : int
+
+        Returns
+        -------
+        list of Material
+        """
+        return [self.scene.materials[m] for m in np.unique(self.surface.material[self.face_field == field])]
 
 
 def split_groups(values: np.ndarray, groups: Sequence[Group]) -> dict:

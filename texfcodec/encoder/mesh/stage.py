@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ...report import Report, Step
     from ...scene.scene import Scene
     from ..caches import Caches
-    from ..stages import Prepared, Supported
+    from ..stages import Supported
     from ..supports.choice import Supports
     from ..supports.texel_plan import SentPlan, SourcePlan
     from .choice import MeshRequest, SentMesh
@@ -50,7 +50,8 @@ def _meshed(supported: Supported, candidate: Decision[Supports], request: MeshRe
         usual = choice.finer()
         if usual is not reference:
             supports = replace(supports, plans=moved_plans(supports.plans, scene, usual))
-        shown, partition = _partitioned(prepared, usual, supports.plans, Trials(price, caches.regions), request.partition, step)
+        trials = Trials(scene, usual, price, caches.regions)
+        shown, partition = _partitioned(trials, supports.plans, prepared.colours, request.partition, step)
     with report.stage("faces") as step:
         sent = choice.smaller(usual, partition.value.face_field, supports.plans, step)
     evidence = {"supports": candidate.evidence, "partition": partition.evidence, "mesh": sent.evidence}
@@ -65,11 +66,11 @@ def _on_sent(plans: list[SourcePlan], sent: SentMesh, usual: SourceSurface) -> l
     return cast("list[SentPlan]", plans)  # the only place where faces of a source's surface become faces of the sent one
 
 
-def _partitioned(prepared: Prepared, surface: SourceSurface, plans: list[SourcePlan], trials: Trials, partition: str,
+def _partitioned(trials: Trials, plans: list[SourcePlan], colours: np.ndarray, partition: str,
                  step: Step) -> tuple[Scene, Decision[PartFields]]:
-    """Return (the scene without detail that no voxel shows, PartFields on the surface). The fields are -1 for faces of
-    TexelPlans, each of which gets a field of its own."""
-    scene, price = prepared.scene, trials.price
+    """Return (the scene without detail that no voxel shows, PartFields on its surface). The fields are -1 for faces of
+    TexelPlans, each of which gets a field of its own. colours: of material_colours()."""
+    scene, surface, price = trials.scene, trials.surface, trials.price
     over_texels = np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(plan.group.faces for plan in plans)]))
     if price.coder is not None:  # a joint codec reads the source itself, at points
         scene = prefilter_textures(scene, surface, ~over_texels, price.resolution)
@@ -77,7 +78,7 @@ def _partitioned(prepared: Prepared, surface: SourceSurface, plans: list[SourceP
     if plans and not rest.any():
         return scene, Decision(PartFields(face_field, {}), {"fields": 0, "reason": "the whole surface is over texels"})
     share = float(area_shares(surface.lattice, surface.faces)[rest].sum())
-    voxels = choose_fields(scene, without_faces(surface, over_texels), prepared.colours, price.on_part(share), partition, step)
+    voxels = choose_fields(scene, without_faces(surface, over_texels), colours, price.on_part(share), partition, step)
     face_field[rest] = voxels.value
-    parts = choose_part_fields(scene, surface, face_field, prepared.colours, trials)
+    parts = choose_part_fields(face_field, colours, replace(trials, scene=scene))
     return scene, replace(parts, evidence=voxels.evidence | parts.evidence, warnings=voxels.warnings)

@@ -94,7 +94,7 @@ def choose_fields(scene: Scene, surface: Surface, colours: np.ndarray, price: La
     """Return the Decision on the field number of every face, int64 [F]. Tries components, then also cuts at folds, then layers;
     takes each that pays. Warns if surfaces of different alpha stay in one field. colours: of material_colours; partition: as of
     EncodeOptions; step: of Report.stage()."""
-    best, off, alpha = np.zeros(len(surface.faces), np.int64), partition == "off", codes_alpha(scene, surface)
+    best, off, alpha = np.zeros(len(surface.faces), np.int64), partition == "off", codes_alpha(scene.materials, surface)
     reason = _reason_for_one(surface, colours, off, alpha)
     if reason:
         return Decision(best, {"fields": 1, "reason": reason})

@@ -18,7 +18,7 @@ from ...scene.fetch import pack_source, sample_source
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
-    from ...scene.scene import Scene
+    from ...scene.scene import Material, Scene
 
 TRIAL_SAMPLES = 1 << 17
 
@@ -35,7 +35,7 @@ def uncoded_errors(scene: Scene, surface: Surface, face_field: np.ndarray, resol
     source = pack_source(scene, surface.origin_face)
     reference = sample_source(source, face, bary, threads)
     points = np.einsum("nc,ncd->nd", bary, surface.lattice[surface.faces[face]]) * (resolution / (1 << bits))
-    planes = 4 if codes_alpha(scene, surface) else 3
+    planes = 4 if codes_alpha(scene.materials, surface) else 3
     got = np.zeros((len(points), planes), np.float32)
     for number in range(int(face_field.max()) + 1):
         in_field = face_field == number
@@ -56,6 +56,6 @@ def uncoded_errors(scene: Scene, surface: Surface, face_field: np.ndarray, resol
     return out
 
 
-def codes_alpha(scene: Scene, surface: Surface) -> bool:
+def codes_alpha(materials: list[Material], surface: Surface) -> bool:
     """Return whether a material in use is not opaque, so that the stream has a plane of alpha."""
-    return needs_alpha([scene.materials[m] for m in np.unique(surface.material)])
+    return needs_alpha([materials[m] for m in np.unique(surface.material)])

@@ -12,7 +12,7 @@ from ...geometry.geometry_unit import field_surface, field_uv
 from ...scene.channels import channel_over
 from ..stages import Placed
 from ..supports.texel_plan import texel_field
-from ..values.map_planes import groups_of, names_of_field
+from ..values.map_planes import groups_of, map_names
 from ..values.shown_maps import ShownMaps
 from ..values.source_field import active_voxels, check_voxels
 from .geometry_units import code_geometry, geometry_bytes
@@ -49,9 +49,10 @@ def place(shaded: Shaded, budget: int | None, report: Report) -> Placed:
         raise OverBudget(geometry_bytes(geometry))
     shown, surface = sent.shown(meshed.shown), sent.surface
     surfaces = [field_surface(units, number) for number in range(first + len(shaded.plans))]
-    names = [names_of_field(shown, surface, sent_field == number) for number in range(len(surfaces))]
+    used = [np.unique(surface.material[sent_field == number]) for number in range(len(surfaces))]
+    names = [map_names(shown.materials[m] for m in own) for own in used]
     present = {channel_over(name, number >= first).name for number, own in enumerate(names) for name in own}
-    groups = groups_of(present, codes_alpha(shown, surface))
+    groups = groups_of(present, codes_alpha(shown.materials, surface))
     normals = lambda: sent.at_corners(shaded.shading.corner_normals(surface))
     maps = ShownMaps(shown, sent.source_on_mesh, normals) if present else None
     source = Source(shown, sent.source_on_mesh, drawn_field, surfaces, groups, maps, _on_pictures)

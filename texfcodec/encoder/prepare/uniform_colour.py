@@ -17,7 +17,7 @@ from .materials import shown_texels
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
-    from ...scene.scene import Scene
+    from ...scene.scene import Material, Scene
 
 EXACT_UV_BITS = 4  # below the texel, when every colour that a face shows has to be seen
 NOTHING_TO_PROBE = "the surface has one colour, so there is nothing to choose"
@@ -46,9 +46,9 @@ def uniform_colour(colours: np.ndarray, materials: np.ndarray) -> np.ndarray | N
     return shown[0] if len(shown) and (shown == shown[0]).all() else None
 
 
-def is_uniform(scene: Scene, colours: np.ndarray, materials: np.ndarray) -> bool:
-    """Return whether faces of these materials show a single colour and no maps. Arguments as for uniform_colour."""
-    return uniform_colour(colours, materials) is not None and not any(scene.materials[m].maps for m in np.unique(materials))
+def is_uniform(materials: list[Material], colours: np.ndarray, numbers: np.ndarray) -> bool:
+    """Return whether faces of some materials, int64 [F], show a single colour and no maps. colours: of material_colours()."""
+    return uniform_colour(colours, numbers) is not None and not any(materials[m].maps for m in np.unique(numbers))
 
 
 def _is_flat(scene, surface, number):

@@ -157,7 +157,7 @@ def choose_supports(prepared: Prepared, price: Lagrangian, request: SupportReque
     scene, surface, colours = prepared.scene, prepared.surface, prepared.colours
     evidence: dict[str, Any] = {"asked": request.support, "groups": []}
     reason = reason_for_voxels(request)
-    if not reason and request.support != "texels" and is_uniform(scene, colours, surface.material):
+    if not reason and request.support != "texels" and is_uniform(scene.materials, colours, surface.material):
         reason, price = NOTHING_TO_PROBE, replace(price, resolution=_coarsest(price, request))
     may_be_texels = not reason and request.support != "voxels"
     groups = caches.images.get("groups", lambda: image_groups(scene, surface)) if may_be_texels else []
@@ -190,7 +190,7 @@ class _Choice:
     @property
     def trials(self) -> Trials:
         """Trial codings at the prices of the choice."""
-        return Trials(self.price, self.caches.regions)
+        return Trials(self.scene, self.surface, self.price, self.caches.regions)
 
     def candidates(self, groups: list[ImageGroup[LatticeFaces]], colours: np.ndarray, evidence: dict, step: Step) \
             -> tuple[Decision[Supports], ...]:
@@ -227,7 +227,7 @@ class _Choice:
                "image": list(group.size)}
 
         def decided():
-            region = self.trials.region(self.scene, self.surface, group.faces, texels_shown(group))
+            region = self.trials.region(group.faces, texels_shown(group))
             return self._decided(self._candidate(group, row, region), region)
 
         key = _ImageKey(number, self.price.planes.signature, self.price.qp, self.price.has_promise, self._is_finer(row))
@@ -401,11 +401,11 @@ class _Choice:
         usual, free = self.price.resolution, self.request.rate_is_free
         chosen = [candidate.plan.group.faces for candidate in decided if candidate.goes]
         rest = ~np.isin(np.arange(len(self.surface.faces)), np.concatenate([[-1], *chosen]))
-        if free and rest.any() and is_uniform(self.scene, colours, self.surface.material[rest]):
+        if free and rest.any() and is_uniform(self.scene.materials, colours, self.surface.material[rest]):
             return _coarsest(self.price, self.request), None, {"reason": "the surface over voxels has one colour, so there is "
                                                                       "nothing to choose"}
         if self.request.finer & set(np.unique(self.surface.material[rest]).tolist()):
-            region = self.trials.region(self.scene, self.surface, np.flatnonzero(rest))
+            region = self.trials.region(np.flatnonzero(rest))
             return min(round(FINER_K * usual), MOST_RESOLUTION, self._most_resolution(region)), None, {}
         staying = [candidate for candidate in decided if not candidate.goes]
         alone = [candidate for candidate in staying if len(candidate.plan.group.faces) == rest.sum() and candidate.voxels]
@@ -413,7 +413,7 @@ class _Choice:
             return alone[0].resolution, alone[0].voxels, {}
         others = [candidate.plan.group for candidate in staying]
         texels = sum(map(texels_shown, others)) if sum(len(group.faces) for group in others) == rest.sum() else np.inf
-        region = self.trials.region(self.scene, self.surface, np.flatnonzero(rest), texels) if rest.any() and free else None
+        region = self.trials.region(np.flatnonzero(rest), texels) if rest.any() and free else None
         if region is None:
             return usual, None, {}
         resolution, tried = self._best_voxels(region, 0)
@@ -423,7 +423,7 @@ class _Choice:
 def _values_of(scene, surface, groups, colours):
     """Return Lagrangian.values of a scene."""
     rest = ~np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(group.faces for group in groups)]))
-    return reference_values(surface, groups, rest & (not is_uniform(scene, colours, surface.material[rest])))
+    return reference_values(surface, groups, rest & (not is_uniform(scene.materials, colours, surface.material[rest])))
 
 
 def _plan(group, size):

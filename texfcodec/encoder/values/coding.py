@@ -135,8 +135,7 @@ def coding_of(price: Lagrangian) -> Coding:
 
 def _is_anisotropic(source, number):
     """Return whether a material of a field has an anisotropy factor, with or without a map."""
-    used = np.unique(source.surface.material[source.face_field == number])
-    return any(source.scene.materials[m].parameters.get("anisotropy", (0.0,))[0] > 0 for m in used)
+    return any(material.parameters.get("anisotropy", (0.0,))[0] > 0 for material in source.materials_of(number))
 
 
 def _values(placed, number, key, cache):

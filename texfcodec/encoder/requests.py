@@ -35,19 +35,17 @@ class Requests:
         """Return the requests of an encode. finer: materials whose parts were too coarse in an earlier encode."""
         codec = codec_of(options.codec)
         settings = codec.settings(options)
+        assert options.resolution is not None  # its __post_init__ fills it in
+        price = Lagrangian(coder=Coder(codec, settings) if isinstance(codec, PlaneCodec) else None, qp=options.reckoned_qp,
+                           max_error=options.max_error, resolution=options.resolution, effort=options.effort,
+                           is_free=options.rate_is_free, is_fitted=options.may_fit, area_threshold=options.area_threshold,
+                           threads=options.threads, limits=options.limits)
         return cls(prepare=_request(PrepareRequest, options, measures_weights=options.effort != "fast"),
                    support=_request(SupportRequest, options, is_joint=codec.joint, finer=finer),
-                   price=_price(options, Coder(codec, settings) if isinstance(codec, PlaneCodec) else None),
-                   mesh=_request(MeshRequest, options), fill=_request(FillRequest, options, codec=codec, settings=settings))
+                   price=price, mesh=_request(MeshRequest, options),
+                   fill=_request(FillRequest, options, codec=codec, settings=settings))
 
 
 def _request(kind: type[Request], options: EncodeOptions, **more: Any) -> Request:  # Any: by field
     """Return a request: options that have the names of its fields, and more."""
     return kind(**{field.name: getattr(options, field.name) for field in fields(kind) if field.name not in more}, **more)
-
-
-def _price(options: EncodeOptions, coder: Coder | None) -> Lagrangian:
-    assert options.resolution is not None  # its __post_init__ fills it in
-    return Lagrangian(coder=coder, qp=options.reckoned_qp, max_error=options.max_error, resolution=options.resolution,
-                      effort=options.effort, is_free=options.rate_is_free, is_fitted=options.may_fit,
-                      area_threshold=options.area_threshold, threads=options.threads, limits=options.limits)

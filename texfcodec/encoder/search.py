@@ -259,10 +259,6 @@ class _Search:
         near = [a for a in met for b in missed if abs(a.qp - b.qp) <= CLOSE]
         return min(near, key=lambda line: min(-excess for _, excess in line.tried if excess <= 0)) if near else None
 
-    def _from_met(self, line, qp):
-        """Return the distance in QPs to the nearest other line that met the target."""
-        return min((abs(qp - other.qp) for other in self._lines if other.has_met and other is not line), default=math.inf)
-
     def _following(self, line):
         """Return the QP to try next on a line; None if none is left."""
         place = next_place(line.tried, self._slope, not line.plan.price.planes.has_fractions)
@@ -281,7 +277,10 @@ class _Search:
             line.tried.append((self.target.place(qp), self.target.excess(trial)))
             self._slope = slope_of(line.tried, self._slope)
             qp = self._following(line)
-            if qp is not None and abs(qp - line.qp) > min(reach, self._from_met(line, qp)):
+            if qp is None:
+                return None
+            others = [abs(qp - other.qp) for other in self._lines if other.has_met and other is not line]
+            if abs(qp - line.qp) > min([reach, *others]):
                 return self._between(qp)
         return None
 

@@ -24,6 +24,7 @@ from ...geometry.surface import Surface, make_surface, place_mesh
 from ...metrics.surface_distance import surface_distance
 from ...options import FINEST_POSITIONS
 from ...report import Step, no_step
+from ..caches import Cache
 from ..decision import Decision
 from ..faces import LatticeFaces, SentSurface, SourceFaces, SourceSurface, source_faces
 from ..prepare.channel_weights import shown_of_radians
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
 
     from ...limits import Limits
     from ...scene.scene import Scene
-    from ..caches import Cache
     from ..price import Lagrangian
     from ..supports.texel_plan import SourcePlan
     from .simplify import Simplification
@@ -342,8 +342,8 @@ class _Search:
         if place in self.tried:
             return np.inf if self.tried[place].refused else self.tried[place].cost
         thin = (at for at, candidate in self.tried.items() if candidate.refused and candidate.moved.worst_lost > MOST_LOST)
-        if any(_is_coarser(place, at) for at in thin):
-            return np.inf
+        if any(place[0] >= at[0] and (at[0] > 0 or place[1] <= at[1]) for at in thin):
+            return np.inf  # fewer faces, or fewer bits of all faces, lose at least the thin parts that another mesh does
         known = [at for at in self.tried if at[0] == place[0]] or [at for at in self.tried if at[0]] or [(0, REFERENCE_BITS)]
         got = np.array([(self.tried[at].geometry, self.tried[at].moved.error) for at in known])
         was = np.maximum([reckoned[at] for at in known], 1e-9)
@@ -379,8 +379,7 @@ class _Meshes:
         self.source = Mesh(positions, self.usual.faces)
         self.shares = SHARES[:1] if carries and self.scene.corner_color is not None else SHARES  # texels have vertices' colours
         self._trials: dict[tuple[int, int], _MeshTrial] = {}
-        self._moved: dict[tuple[int, int], PictureError] = {}
-        self._fits: dict[int, _Fit] = {}
+        self._moved, self._fits = Cache(), Cache()  # PictureErrors by place and bits, _Fits by place
         self._simplifying: Callable[[], Simplification] | None = None
 
     def begin(self) -> Callable[[], Simplification]:
@@ -420,7 +419,7 @@ class _Meshes:
         if (place, bits) == (0, self.usual.cube.position_bits):
             moved, face = self.choice.picture_error(self.usual), LatticeFaces(np.arange(len(self.usual.faces)))
             return _MeshTrial(kept(self.scene, self.usual), face, moved)
-        fit = self._fit(place)
+        fit = self._fits.get(place, lambda: self._new_fit(place))
         cube = replace(self.usual.cube, position_bits=bits)
         surface = place_mesh(cube, joint_lattice(fit.fit, cube), fit.fit.mesh.faces, self.usual.material[fit.face])
         if not face_areas(surface.lattice, surface.faces).any():
@@ -429,9 +428,7 @@ class _Meshes:
         mesh, threads = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.choice.price.threads
         fetched = FetchedNormals(self.source, self._points, mesh, threads)
         sent = self._sent(surface, face, place > 0, there, fetched)
-        if (place, bits) not in self._moved:
-            self._moved[place, bits] = self._moved_by(sent, fetched)
-        return _MeshTrial(sent, face, self._moved[place, bits])
+        return _MeshTrial(sent, face, self._moved.get((place, bits), lambda: self._moved_by(sent, fetched)))
 
     def _moved_by(self, sent: SentMesh, fetched: FetchedNormals) -> PictureError:
         """Return the PictureError of another mesh. fetched: FetchedNormals there."""
@@ -464,13 +461,8 @@ class _Meshes:
         rounding, *aways = in_order(away_of, meshes, self.choice.price.threads)
         return [0.0, *(FIT_GAIN * away / max(rounding, 1e-9 * cube.side) for away in aways)]
 
-    def _fit(self, place):
-        """Return the _Fit of a share of the faces."""
-        if place not in self._fits:
-            self._fits[place] = self._new_fit(place)
-        return self._fits[place]
-
     def _new_fit(self, place: int) -> _Fit:
+        """Return the _Fit of a share of the faces."""
         if place == 0:
             return _Fit(own_fit(self.source), LatticeFaces(np.arange(len(self.source.faces))), {})
         lines, threads = self._simplification.lines, self.choice.price.threads
@@ -529,12 +521,6 @@ class _Meshes:
     @cached_property
     def _points(self) -> NearestPoints:
         return NearestPoints(self.source)
-
-
-def _is_coarser(place, other):
-    """Return whether a place in shares and bits loses at least the thin parts that another does: it has fewer faces, or fewer
-    bits of all faces."""
-    return place[0] >= other[0] and (other[0] > 0 or place[1] <= other[1])
 
 
 def _count_used(surface):

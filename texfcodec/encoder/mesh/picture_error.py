@@ -117,7 +117,8 @@ class PictureComparison:
         faces = np.zeros_like(self.scene.faces)  # of those that are not there no pixel is seen
         faces[drawn.origin_face] = drawn.faces
         scene = replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces)
-        return self._moved(lambda shot: self._pictures(scene, shot.cameras, shot.faces), drawn, normals, self._normals_at(drawn))
+        wanted = None if self.scene.corner_normal is None or not self.lit else self.normals[drawn.origin_face]
+        return self._moved(lambda shot: self._pictures(scene, shot.cameras, shot.faces), drawn, normals, wanted)
 
     def of_mesh(self, scene: Scene, surface: SentSurface, normals: np.ndarray, wanted: np.ndarray | None,
                 faces: SourceFaces) -> PictureError:
@@ -151,11 +152,6 @@ class PictureComparison:
             return False
         apart = [np.square(self._of_source(rule) - self.scene.corner_normal).sum() for rule in (FLAT, SMOOTH)]
         return bool(apart[0] < apart[1])
-
-    def _normals_at(self, drawn):
-        """Return normals that follow from the source's positions, at the corners of its faces on another surface, float64 [F, 3,
-        3]; None if the file has no normals or no material is lit."""
-        return None if self.scene.corner_normal is None or not self.lit else self.normals[drawn.origin_face]
 
     @cached_property
     def normals(self) -> np.ndarray:

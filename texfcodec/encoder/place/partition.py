@@ -11,6 +11,7 @@ from ...core.json_text import json_ready
 from ...geometry.areas import face_areas
 from ...geometry.edges import face_components
 from ...report import Step, no_step
+from ..caches import Cache
 from ..decision import Decision
 from ..prepare.uniform_colour import uniform_colour
 from .coincident_layers import part_layers
@@ -33,15 +34,12 @@ class _Trials:
     """Comparison of partitions of one surface; measured errors are kept."""
 
     def __init__(self, scene, surface, price):
-        self.scene, self.surface, self.price, self.measured = scene, surface, price, {}
+        self.scene, self.surface, self.price, self.measured = scene, surface, price, Cache()
         self.quick = max(price.resolution // 2, 1)
 
     def _errors(self, face_field, resolution):
-        key = (face_field.tobytes(), resolution)
-        if key not in self.measured:
-            self.measured[key] = uncoded_errors(self.scene, self.surface, face_field, resolution, self.price.area_threshold,
-                                                self.price.threads)
-        return self.measured[key]
+        return self.measured.get((face_field.tobytes(), resolution), lambda: uncoded_errors(
+            self.scene, self.surface, face_field, resolution, self.price.area_threshold, self.price.threads))
 
     def _gains(self, base, candidate, resolution):
         """Return (bytes that the smaller error of a candidate is worth, dB of each channel at the coded quality, a row for the

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...scene.fetch import pack_source, sample_source
-from ...scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT
+from ...scene.fetch import pack_source, sample_source, wrapped
+from ...scene.scene import ALPHA_OPAQUE
 from .materials import shown_texels
 
 if TYPE_CHECKING:
@@ -86,14 +86,6 @@ def _texels_at_corners(uv, texture):
     image = texture.image
     if not (np.abs(uv) < 1e6).all():
         return np.array([[0] * 4, [255] * 4], np.uint8)
-    x, y = (_wrapped(np.floor(uv[..., axis].reshape(-1) * size).astype(np.int64), size, mode)
+    x, y = (wrapped(np.floor(uv[..., axis].reshape(-1) * size).astype(np.int64), size, mode)
             for axis, size, mode in ((0, image.shape[1], texture.wrap[0]), (1, image.shape[0], texture.wrap[1])))
     return image[y, x]
-
-
-def _wrapped(place, size, mode):
-    if mode == WRAP_CLAMP:
-        return np.clip(place, 0, size - 1)
-    if mode == WRAP_REPEAT:
-        return place % size
-    return np.minimum(place % (2 * size), 2 * size - 1 - place % (2 * size))

@@ -21,11 +21,11 @@ from ...geometry.tangents import corner_tangents
 from ...render.tangent_frames import tangent_space_normals
 from ...scene.channels import BY_NAME, NORMAL_MAPS
 from ...scene.factors import factor_of
-from ...scene.fetch import values_of_map
+from ...scene.fetch import values_of_map, wrapped
 from ..decision import Decision
 from ..faces import SentFaces
 from ..prepare.channel_weights import shown_of_radians
-from ..supports.texel_plan import SentPlan, wrapped
+from ..supports.texel_plan import SentPlan
 from ..values.shown_maps import NORMAL, Frames, frame_rotation
 from .normal_rules import ENOUGH, POINTS, quantiles, tolerance_of
 from .rotated_normal_map import mean_matrices, rotate_normal_map
@@ -104,12 +104,6 @@ def fit_frames(scene: Scene, surface: SentSurface, shading: Shading, plans: list
     return _judged(flat, bent, price.qp) if bent else Decision(flat, {})
 
 
-def _fitted(frames, plan, price):
-    """Return the _Fitted of a plan."""
-    mapped = _mapped(frames, plan)
-    return _Fitted([plan]) if mapped is None else _best(frames, mapped, price)
-
-
 class _FrameKey(NamedTuple):
     """Everything beside the scene that fitting a plan to frames depends on."""
 
@@ -130,9 +124,12 @@ class _Fitted:
     turned: int = 0
 
 
-def _best(frames, mapped, price):
+def _fitted(frames, plan, price):
     """Return the _Fitted of a plan: unchanged, with rotated texels, or in two, so that faces off their frame share texels with no
     others."""
+    mapped = _mapped(frames, plan)
+    if mapped is None:
+        return _Fitted([plan])
     best = _Fitted([mapped.plan], _errors(frames, [mapped], [mapped.plan]), float(mapped.area.sum()))
     shown = shown_of_radians(frames.scene.weights)
     error = lambda errors: shown * float((np.radians(np.minimum(errors, CLIP)) ** 2).mean())

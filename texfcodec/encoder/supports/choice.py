@@ -161,7 +161,9 @@ def choose_supports(prepared: Prepared, price: Lagrangian, request: SupportReque
         reason, price = NOTHING_TO_PROBE, replace(price, resolution=_coarsest(price, request))
     may_be_texels = not reason and request.support != "voxels"
     groups = caches.images.get("groups", lambda: image_groups(scene, surface)) if may_be_texels else []
-    price = replace(price, values=_values_of(scene, surface, groups, colours))
+    rest = ~np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(group.faces for group in groups)]))
+    others = rest & (not is_uniform(scene.materials, colours, surface.material[rest]))
+    price = replace(price, values=reference_values(surface, groups, others))
     if reason:
         supports = Supports(plans=[], resolution=price.resolution, qp_offset=0, values=price.values)
         return (Decision(supports, evidence | {"reason": reason}),)
@@ -281,17 +283,19 @@ class _Choice:
             return candidate.decided("texels", "the first result was worse than the rate promises")
         if region is None:
             return candidate.decided("voxels", "the surface has no area")
-        plain, textured = _geometry_bytes(candidate.plan, self.surface)
+        faces, bits = self.surface.faces[group.faces], self.surface.cube.position_bits
+        textured = draco_bytes(self.surface.lattice, faces, bits, candidate.plan.corner_uv())
         if not math.isfinite(textured):
             return candidate.decided("voxels", "Draco cannot hold its UVs")
         candidate = replace(candidate, texels=replace(candidate.texels, fixed=textured + UNIT_BYTES))
         texels = self._cost(candidate.texels, region)
-        resolution, tried = self._best_voxels(region, plain, CLEAR * texels)
+        resolution, tried = self._best_voxels(region, draco_bytes(self.surface.lattice, faces, bits), CLEAR * texels)
         candidate = replace(candidate, voxels=tried[resolution], resolution=resolution)
         voxels = self._cost(candidate.voxels, region)
         candidate = replace(candidate, extra_bytes=self._extra_bytes(candidate.voxels, candidate.texels, region, VOXEL_COST))
         row = self._rows(tried, resolution, region)[-1]
-        return candidate.decided("voxels" if candidate.extra_bytes < 0 else "texels", _reason(texels, voxels), voxels=row)
+        reason = f"texels cost {round(texels)} bytes and voxels {round(voxels)}, errors included"
+        return candidate.decided("voxels" if candidate.extra_bytes < 0 else "texels", reason, voxels=row)
 
     def _cost(self, probe, region):
         """Return the cost of a TrialCoding of a region, in bytes."""
@@ -363,7 +367,8 @@ class _Choice:
     def _best_voxels(self, region, fixed, most=np.inf):
         """Return (K, TrialCodings by K). The search goes down or up the ladder, from the K at which voxels have the rate's QP, as
         long as they cost less. fixed: bytes of the geometry; most: cost from which on no other K is tried."""
-        ladder, tried = self._ladder(region), {}
+        most_k = min(self.price.resolution, self._most_resolution(region))
+        ladder, tried = [k for k in LADDER if k <= most_k] or LADDER[:1], {}
         first = best = min(range(len(ladder)), key=lambda i: abs(self.price.qp_offset(region.voxels(ladder[i]), region.weight)))
 
         def cost(place):
@@ -376,11 +381,6 @@ class _Choice:
             while 0 <= best + step < len(ladder) and cost(best + step) < (FINER_COST if step > 0 else 1.0) * cost(best):
                 best += step
         return ladder[best], tried
-
-    def _ladder(self, region):
-        """Return the values of K that voxels of a region may have."""
-        most = min(self.price.resolution, self._most_resolution(region))
-        return [k for k in LADDER if k <= most] or LADDER[:1]
 
     def _most_resolution(self, region):
         """Return the finest K with no more than MOST_VOXELS of a region, roughly; at least LADDER's coarsest. A surface without
@@ -420,28 +420,12 @@ class _Choice:
         return resolution, tried[resolution], {"voxels": self._rows(tried, resolution, region)}
 
 
-def _values_of(scene, surface, groups, colours):
-    """Return Lagrangian.values of a scene."""
-    rest = ~np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(group.faces for group in groups)]))
-    return reference_values(surface, groups, rest & (not is_uniform(scene.materials, colours, surface.material[rest])))
-
-
 def _plan(group, size):
     return TexelPlan(group, size, min(2, most_fraction_bits(size, group)))
 
 
 def _with_bits(plan, bits):
     return replace(plan, fraction_bits=1 if plan.group.palette else min(bits, most_fraction_bits(plan.size, plan.group)))
-
-
-def _reason(texels, voxels):
-    return f"texels cost {round(texels)} bytes and voxels {round(voxels)}, errors included"
-
-
-def _geometry_bytes(plan, surface):
-    """Return (bytes of a group's geometry alone, bytes with its UVs), as one Draco unit."""
-    faces, bits = surface.faces[plan.group.faces], surface.cube.position_bits
-    return draco_bytes(surface.lattice, faces, bits), draco_bytes(surface.lattice, faces, bits, plan.corner_uv())
 
 
 def _coarsest(price, request):

@@ -20,7 +20,7 @@ from .resample import resampled
 from .texel_means import texel_means
 
 if TYPE_CHECKING:
-    from ...scene.scene import Scene
+    from ...scene.scene import Material, Scene
     from ..faces import LatticeFaces, SourceSurface
 
 PAINT_BITS = 2  # of UVs where vertex colours go into texels
@@ -108,17 +108,17 @@ def image_groups(scene: Scene, surface: SourceSurface) -> list[ImageGroup[Lattic
     groups: dict[tuple, list[tuple]] = {}
     painted: list[ImageGroup[LatticeFaces] | None] = []
     plain = _plain_faces(scene, surface)
-    digests = _digests(scene.textures)
+    digests = [_digest(texture.image) for texture in scene.textures] if len(scene.textures) > 1 else [b""]  # one needs none
     for number in np.unique(surface.material):
         material, in_material = scene.materials[number], surface.material == number
-        faces, used = np.flatnonzero(plain & in_material), _textures_of(material)
+        faces, used = np.flatnonzero(plain & in_material), textures_of(material)
         if not used or not _goes_together(scene, surface, material, np.flatnonzero(in_material)):
             continue
         opaque = material.alpha_mode == ALPHA_OPAQUE
         image = scene.textures[material.texture].image if material.texture >= 0 else None
         sees_through = not opaque or image is None or image[..., 3].min() == 255
         key = (tuple((name, digests[t]) for name, t in sorted(used.items())), tuple(scene.textures[min(used.values())].wrap),
-               material.factor.tobytes(), not sees_through, _is_nearest(scene, material))
+               material.factor.tobytes(), not sees_through, material.texture >= 0 and scene.textures[material.texture].nearest)
         groups.setdefault(key, []).append((faces, material))
         if not plain[in_material].all():
             faces = np.flatnonzero(in_material & ~plain)
@@ -128,19 +128,14 @@ def image_groups(scene: Scene, surface: SourceSurface) -> list[ImageGroup[Lattic
     return [group for group in candidates if group is not None and len(group.faces)]
 
 
-def _is_nearest(scene, material):
-    """Return whether a material's base colour shows texels as squares."""
-    return material.texture >= 0 and scene.textures[material.texture].nearest
-
-
-def _textures_of(material):
+def textures_of(material: Material) -> dict[str, int]:
     """Return textures of a material by channel name, "" for the base colour."""
     return {**({"": material.texture} if material.texture >= 0 else {}), **material.maps}
 
 
 def _goes_together(scene, surface, material, faces):
     """Return whether the images of a material can be one field: none too large, the same wrap modes and UVs."""
-    textures = [scene.textures[t] for t in _textures_of(material).values()]
+    textures = [scene.textures[t] for t in textures_of(material).values()]
     if any(max(t.image.shape[:2]) > MAX_SIDE or tuple(t.wrap) != tuple(textures[0].wrap) for t in textures):
         return False
     rows = surface.origin_face[faces]
@@ -151,7 +146,7 @@ def _goes_together(scene, surface, material, faces):
 def _palette(scene, surface, plain):
     """Return the group of the faces that show a material's factor alone, each at the centre of its material's texel; None without
     any."""
-    flat = np.array([not _textures_of(m) for m in scene.materials], bool)
+    flat = np.array([not textures_of(m) for m in scene.materials], bool)
     faces = np.flatnonzero(plain & flat[surface.material])
     used, number = np.unique(surface.material[faces], return_inverse=True)
     if not 0 < len(used) <= MAX_SIDE:
@@ -221,13 +216,6 @@ def _plain_faces(scene, surface):
     if scene.corner_color is None:
         return np.ones(len(surface.faces), bool)
     return (scene.corner_color[surface.origin_face] == 1).all(axis=(1, 2))
-
-
-def _digests(textures):
-    """Return digests of the contents of images; a single image needs none."""
-    if len(textures) == 1:
-        return [b""]
-    return [_digest(t.image) for t in textures]
 
 
 def _digest(image):

@@ -15,7 +15,6 @@ from ...geometry.areas import face_areas
 from ...geometry.draco import MAX_UV_BITS
 from ...scene.channels import BY_NAME
 from ...scene.fetch import values_of_map
-from ...scene.scene import WRAP_CLAMP, WRAP_REPEAT
 from ..faces import Faces, LatticeFaces, SentFaces
 from ..values.shown_maps import frame_rotation, rotate_xy
 from ..values.source_field import SourceField, colour_planes
@@ -98,15 +97,6 @@ def _stretched(values, size):
     parts = [Image.fromarray(np.ascontiguousarray(values[..., c])).resize(size, Image.Resampling.BILINEAR)
              for c in range(values.shape[2])]
     return np.stack([np.asarray(part) for part in parts], axis=-1)
-
-
-def wrapped(line: np.ndarray, size: int, mode: int) -> np.ndarray:
-    """Return columns or rows, int64 [N], of an image of `size` of them, by the wrap mode."""
-    if mode == WRAP_CLAMP:
-        return np.clip(line, 0, size - 1)
-    if mode == WRAP_REPEAT:
-        return line % size
-    return np.minimum(line % (2 * size), 2 * size - 1 - line % (2 * size))
 
 
 def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:

@@ -69,7 +69,8 @@ class PlaneCoding(Coding):
             with report.stage("transfer", (number, len(names))):
                 fields[number] = _values(placed, number, key, cache)
         warning = "anisotropy directions need UVs, which voxels do not have; only the strength is kept"
-        directed = any("anisotropy" in own or _is_anisotropic(source, number) for number, own in enumerate(names))
+        factors = [m.parameters.get("anisotropy", (0.0,))[0] for number in range(len(names)) for m in source.materials_of(number)]
+        directed = any("anisotropy" in own for own in names) or max(factors, default=0.0) > 0
         warnings = (warning,) if directed else ()
         with report.stage("refine") as step:
             refinement = refine_fields(source, fields[: len(names)], price, wanted, cache, step)
@@ -131,11 +132,6 @@ class JointCoding(Coding):
 def coding_of(price: Lagrangian) -> Coding:
     """Return the Coding that a codec needs: PlaneCoding if price has a coder."""
     return JointCoding() if price.coder is None else PlaneCoding()
-
-
-def _is_anisotropic(source, number):
-    """Return whether a material of a field has an anisotropy factor, with or without a map."""
-    return any(material.parameters.get("anisotropy", (0.0,))[0] > 0 for material in source.materials_of(number))
 
 
 def _values(placed, number, key, cache):

@@ -15,6 +15,7 @@ from ...render.tangent_frames import interpolate_corners, tangent_space_normals
 from ...scene.channels import BY_NAME
 from ...scene.factors import FLAT, factor_of
 from ...scene.fetch import map_columns, pack_map, sample_source, values_of_map
+from ..caches import Cache
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
@@ -64,7 +65,7 @@ class Frames:
         corners = surface.lattice[surface.faces].astype(np.float32)
         self.geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._tangents: dict[int, np.ndarray] = {}
-        self._sources: dict[str, tuple] = {}
+        self._sources = Cache()
 
     @cached_property
     def rebuilt(self) -> np.ndarray:
@@ -89,9 +90,8 @@ class Frames:
     def texels(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """Return (x and y of a normal map, float32 [M, 2] in 0..255, and its scale, float32 [M]); arguments as in
         deviations()."""
-        if name not in self._sources:
-            self._sources[name] = pack_map(self.scene, name, self.surface.origin_face)
-        texel = values_of_map(name, sample_source(self._sources[name], face, bary, threads))
+        packed = self._sources.get(name, lambda: pack_map(self.scene, name, self.surface.origin_face))
+        texel = values_of_map(name, sample_source(packed, face, bary, threads))
         scale = np.array([factor_of(m.parameters, BY_NAME[name].parameter)[0] for m in self.scene.materials], np.float32)
         return texel, scale[self.surface.material[face]]
 
@@ -156,7 +156,7 @@ class ShownMaps:
 
     def __init__(self, scene: Scene, surface: SourceSurface, rebuilt: Callable[[], np.ndarray]) -> None:
         self.scene, self.surface, self._rebuilt = scene, surface, rebuilt
-        self._packed: dict[str, tuple] = {}
+        self._packed = Cache()
 
     def __call__(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
         """Return values of a channel over voxels, float32 [M, C] in 0..255. name: in channels.CHANNELS; face: int64 [M] of the
@@ -164,9 +164,8 @@ class ShownMaps:
         material_name = BY_NAME[name].material_name
         if material_name != name:
             return self._frames.deviations(material_name, face, bary, threads)
-        if name not in self._packed:
-            self._packed[name] = pack_map(self.scene, name, self.surface.origin_face)
-        return sample_source(self._packed[name], face, bary, threads)[:, map_columns(name)]
+        packed = self._packed.get(name, lambda: pack_map(self.scene, name, self.surface.origin_face))
+        return sample_source(packed, face, bary, threads)[:, map_columns(name)]
 
     @cached_property
     def _frames(self):

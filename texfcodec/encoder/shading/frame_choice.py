@@ -19,8 +19,7 @@ from ...field.texel_set import referenced_texels
 from ...geometry.areas import face_areas
 from ...geometry.tangents import corner_tangents
 from ...render.tangent_frames import tangent_space_normals
-from ...scene.channels import BY_NAME, NORMAL_MAPS
-from ...scene.factors import factor_of
+from ...scene.channels import NORMAL_MAPS
 from ...scene.fetch import values_of_map, wrapped
 from ..decision import Decision
 from ..faces import SentFaces
@@ -219,18 +218,12 @@ def _errors_of(frames, mapped, plan, count):
     at = np.minimum(np.searchsorted(edges, (np.arange(count) + 0.5) / count * edges[-1]), len(edges) - 1)
     bary = np.random.default_rng(0).dirichlet(np.ones(3), count)
     faces = mapped.faces[at]
-    texel, scale = _bilinear(plan.group, NORMAL, np.einsum("nc,ncd->nd", bary, mapped.uv[at])), _scale(frames, NORMAL, faces)
+    texel, scale = _bilinear(plan.group, NORMAL, np.einsum("nc,ncd->nd", bary, mapped.uv[at])), frames.scale(NORMAL, faces)
     frame = np.einsum("nc,ncij->nij", bary, mapped.decoder[at]).astype(np.float32)
     hand = np.where(np.linalg.det(frame) < 0, np.float32(-1), np.float32(1))
     got = tangent_space_normals(texel, scale, frame[..., 2], np.column_stack([frame[..., 0], hand]), frames.geometric[faces])
     apart = np.linalg.norm(got.astype(np.float64) - frames.bent(NORMAL, faces, bary), axis=1)
     return np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0)))
-
-
-def _scale(frames, name, faces):
-    """Return the scale of a normal map on faces, float32 [N]."""
-    of_material = [factor_of(material.parameters, BY_NAME[name].parameter)[0] for material in frames.scene.materials]
-    return np.array(of_material, np.float32)[frames.surface.material[faces]]
 
 
 def _neighbours(place, size, wrap):
@@ -264,7 +257,7 @@ def _turned(frames, mapped):
         image = maps[name].copy()
         size = image.shape[1], image.shape[0]
         texels, matrices = mean_matrices(parts, others, np.array(size) / group.size, size, group.wrap)
-        scale = float(np.average(_scale(frames, name, mapped.faces[off]), weights=mapped.area[off]))
+        scale = float(np.average(frames.scale(name, mapped.faces[off]), weights=mapped.area[off]))
         flat = image.reshape(-1, image.shape[2])
         flat[texels, :3] = rotate_normal_map(values_of_map(name, flat[texels]), matrices, scale)
         maps[name], changed = image, changed + len(texels)

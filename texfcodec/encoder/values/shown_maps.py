@@ -91,9 +91,12 @@ class Frames:
         """Return (x and y of a normal map, float32 [M, 2] in 0..255, and its scale, float32 [M]); arguments as in
         deviations()."""
         packed = self._sources.get(name, lambda: pack_map(self.scene, name, self.surface.origin_face))
-        texel = values_of_map(name, sample_source(packed, face, bary, threads))
+        return values_of_map(name, sample_source(packed, face, bary, threads)), self.scale(name, face)
+
+    def scale(self, name: str, face: np.ndarray) -> np.ndarray:
+        """Return the scale of a normal map on faces int64 [M], float32 [M]."""
         scale = np.array([factor_of(m.parameters, BY_NAME[name].parameter)[0] for m in self.scene.materials], np.float32)
-        return texel, scale[self.surface.material[face]]
+        return scale[self.surface.material[face]]
 
     def tangent(self, name: str) -> np.ndarray:
         """Return tangents of the corners, float32 [F, 3, 4]: the source's, whichever UVs a map has, or derived from those UVs."""

@@ -11,7 +11,7 @@ from walls import smooth_image, wall
 from texfcodec import EncodeOptions, decode
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.encoder.mesh.small_parts import small_parts
-from texfcodec.encoder.prepare.reference_lattice import reference_surface
+from texfcodec.encoder.prepare.stage import reference_surface
 from texfcodec.encoder.requests import Requests
 from texfcodec.encoder.supports.choice import _plan
 from texfcodec.encoder.supports.image_groups import brought_near, image_groups

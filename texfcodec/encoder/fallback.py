@@ -12,8 +12,8 @@ from ..geometry.geometry_unit import GeometryUnit
 from ..geometry.mesh import Mesh
 from ..scene.normal_rule import JOINED, NormalRule
 from .mesh.carried_uvs import SeamedMesh, carried_uvs
-from .mesh.crease_edges import seam_edges, sharp_edges
 from .mesh.simplify import simplify
+from .mesh.topology import seam_edges, sharp_edges
 
 if TYPE_CHECKING:
     from ..texf import Texf

@@ -31,12 +31,12 @@ from ..prepare.channel_weights import shown_of_radians
 from ..supports.image_groups import brought_near
 from ..values.unit_qp import has_few_colours
 from .carried_uvs import SeamedMesh, carried_uvs
-from .crease_edges import seam_edges, sharp_edges
 from .draco_bytes import draco_bytes
 from .drawn_source import DrawnSource, FetchedNormals, draw_onto
 from .joint_lattice import joint_lattice
 from .picture_error import PictureComparison, PictureError
 from .simplify import simplify
+from .topology import seam_edges, sharp_edges
 from .vertex_fit import MatchedLines, fit_vertices, own_fit
 
 if TYPE_CHECKING:

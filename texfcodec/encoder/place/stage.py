@@ -16,7 +16,7 @@ from ..values.map_planes import groups_of, map_names
 from ..values.shown_maps import ShownMaps
 from ..values.source_field import active_voxels, check_voxels
 from .geometry_units import code_geometry, geometry_bytes
-from .partition_error import codes_alpha
+from .partition import codes_alpha
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

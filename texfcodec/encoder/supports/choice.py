@@ -27,9 +27,8 @@ from ..values.unit_qp import has_few_colours
 from .image_groups import image_groups
 from .probe import TEXEL_CELL, VOXEL_CELL, TrialCoding
 from .reference_density import REFERENCE_K, reference_values, texels_shown
-from .texel_plan import SourcePlan, TexelPlan, covered_texels, most_fraction_bits
+from .texel_plan import SourcePlan, TexelPlan, covered_texels, most_fraction_bits, rounding_errors
 from .trial import Trials
-from .uv_rounding import rounding_errors
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface

@@ -14,7 +14,7 @@ from ...field.texels import TexelSupport
 from ...geometry.areas import face_areas
 from ...geometry.draco import MAX_UV_BITS
 from ...scene.channels import BY_NAME
-from ...scene.fetch import values_of_map
+from ...scene.fetch import UV_OF_SOURCE, sample_source, values_of_map
 from ..faces import Faces, LatticeFaces, SentFaces
 from ..values.shown_maps import frame_rotation, rotate_xy
 from ..values.source_field import SourceField, colour_planes
@@ -25,9 +25,12 @@ if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...limits import Limits
     from .image_groups import ImageGroup
+    from .probe import SampleRegion
 
 MOST_FRACTION_BITS = 8
 FULL_BITS = 2  # of UVs where only the weights of texels are at stake
+EVERY = 4  # of a region's points, 16,384 of them
+NEGLIGIBLE = 0.02  # squared error from which on each bit is taken to leave a quarter
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,32 @@ def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
     while bits and (reach * 2**bits >= MAX_UV_ORIGIN - 1 or span * 2**bits >= (1 << MAX_UV_BITS) - 2):
         bits -= 1
     return bits
+
+
+def rounding_errors(region: SampleRegion, plan: TexelPlan) -> np.ndarray:
+    """Return the squared error that rounded UVs add at surface points, the sum over channels, by number of bits: float64
+    [MOST_FRACTION_BITS + 1].
+
+    Neighbouring texels in the image say little about it: UVs of a palette lie at the centres of texels and never between them,
+    and half a texel further is another colour. So the image is sampled at points of the surface, with exact and with rounded UVs.
+    """
+    errors: list[float] = []
+    for bits in range(MOST_FRACTION_BITS + 1):
+        known = bool(errors) and errors[-1] <= NEGLIGIBLE
+        errors.append(errors[-1] / 4 if known else sum(_added(part, plan, bits) for part in (region, *region.maps.values())))
+    return np.array(errors)
+
+
+def _added(region, plan, bits):
+    """Return the mean squared error of a region's channel by UVs that are rounded to so many bits below the texel of the coded
+    size."""
+    texels = np.array(plan.size, np.float64) * (1 << bits)
+    rows = np.arange(0, len(region.face), EVERY)
+    exact = plan.group.uv / plan.group.size
+    source = list(region.source)
+    source[UV_OF_SOURCE] = np.ascontiguousarray(np.floor(exact * texels + 0.5) / texels)
+    got = sample_source(tuple(source), region.face[rows], region.bary[rows], region.threads)
+    return region.mse(rows, region.values(got))
 
 
 def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows: int | None, most: int | None) -> np.ndarray:

@@ -161,7 +161,7 @@ def _judged(plans, bent, qp):
     weight = np.concatenate([np.full(len(fit.errors), fit.area / len(fit.errors)) for fit in bent])
     degrees = [round(value, 3) for value in quantiles(errors, weight, POINTS)]
     share = round(float(np.average(errors > ELSEWHERE, weights=weight)), 4)
-    evidence = {"mapped_degrees": degrees, "mapped_elsewhere": share, "rotate_normal_map": sum(fit.turned for fit in bent),
+    evidence = {"mapped_degrees": degrees, "mapped_elsewhere": share, "turned_texels": sum(fit.turned for fit in bent),
                 "split_fields": sum(len(fit.plans) > 1 for fit in bent)}
     allowed = max(tolerance_of(qp), 1.0)
     if degrees[0] <= ENOUGH[0] * allowed and degrees[1] <= ENOUGH[1] * allowed:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from texfcodec.encoder.mesh.carried_uvs import SeamedMesh, carried_uvs
-from texfcodec.encoder.mesh.crease_edges import seam_edges
 from texfcodec.encoder.mesh.simplify import simplify
+from texfcodec.encoder.mesh.topology import seam_edges
 from texfcodec.geometry.areas import sample_surface
 from texfcodec.geometry.mesh import Mesh, points_at
 

@@ -11,8 +11,8 @@ from walls import smooth_image, wall
 from texfcodec import EncodeOptions, decode
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.encoder.mesh.small_parts import small_parts
-from texfcodec.encoder.prepare.reference_lattice import reference_surface
-from texfcodec.encoder.price import Lagrangian
+from texfcodec.encoder.prepare.stage import reference_surface
+from texfcodec.encoder.requests import Requests
 from texfcodec.encoder.supports.choice import _plan
 from texfcodec.encoder.supports.image_groups import brought_near, image_groups
 from texfcodec.encoder.supports.probe import TEXEL_CELL, SampleRegion, TrialCoding, probe_texels
@@ -76,7 +76,7 @@ def test_a_probe_is_right_where_detail_stands_on_little_of_the_surface():
     centre = scene.corner_uv[~small].mean(axis=1, keepdims=True)
     scene.corner_uv[~small] = 0.02 + centre * [0.3, 0.3] + (scene.corner_uv[~small] - centre) * 0.05
     options = EncodeOptions(rate="r03")
-    surface, rd = make_surface(scene, options), Lagrangian.of(options)
+    surface, rd = make_surface(scene, options), Requests.of(options).price
     (group,) = image_groups(scene, surface)
     plan, patch = _plan(group, group.size), SampleRegion(scene, surface, group.faces, 1)
     uv = plan.corner_uv().reshape(-1, 2)

@@ -5,10 +5,11 @@ import pytest
 
 from texfcodec.api import decode, encode_to_result
 from texfcodec.encoder.caches import Cache
-from texfcodec.encoder.mesh.choice import MeshChoice, MeshRequest
+from texfcodec.encoder.mesh.choice import MeshChoice
 from texfcodec.encoder.mesh.drawn_source import FetchedNormals, draw_onto
 from texfcodec.encoder.mesh.picture_error import SMOOTH, PictureError
 from texfcodec.encoder.price import Lagrangian
+from texfcodec.encoder.requests import Requests
 from texfcodec.encoder.supports import reference_density
 from texfcodec.errors import InputError
 from texfcodec.geometry.canonical import CanonicalCube, finer_cube
@@ -64,7 +65,7 @@ def test_facets_stay_facets():
     seen = []
     for rule in (FLAT, SMOOTH):
         scene.corner_normal = corner_normals(usual.lattice, usual.faces, [rule])
-        choice = MeshChoice(scene, usual, Lagrangian.of(options), MeshRequest.of(options), 1.0, Cache())
+        choice = MeshChoice(scene, usual, Requests.of(options).price, Requests.of(options).mesh, 1.0, Cache())
         candidate = choice._meshes(usual, np.zeros(len(usual.faces), np.int64), False).trial(4, 12)
         surface = candidate.sent.surface
         own = corner_normals(surface.lattice, surface.faces, [rule])
@@ -82,7 +83,7 @@ def test_more_bits_are_taken_by_what_is_seen_at_each(monkeypatch):
     monkeypatch.setattr(Lagrangian, "byte", 1e-4)
     options = EncodeOptions(rate="r03")
     usual = make_surface(scene, options)
-    finer = MeshChoice(scene, usual, Lagrangian.of(options), MeshRequest.of(options), 1.0, Cache()).finer()
+    finer = MeshChoice(scene, usual, Requests.of(options).price, Requests.of(options).mesh, 1.0, Cache()).finer()
     assert finer.cube.position_bits == 17
 
 
@@ -140,7 +141,7 @@ def test_tangents_go_with_the_faces_and_keep_their_side_of_the_image():
     along = np.cross(np.array([0.6, 0.8, 0.0]), scene.corner_normal)
     along /= np.linalg.norm(along, axis=2, keepdims=True)
     scene.corner_tangent = np.concatenate([along, np.full((*along.shape[:2], 1), -1.0)], axis=2).astype(np.float32)
-    choice = MeshChoice(scene, usual, Lagrangian.of(options), MeshRequest.of(options), 1.0, Cache())
+    choice = MeshChoice(scene, usual, Requests.of(options).price, Requests.of(options).mesh, 1.0, Cache())
     sent = choice._meshes(usual, np.zeros(len(usual.faces), np.int64), True).trial(4, 12).sent.scene
     wanted = np.cross(np.array([0.6, 0.8, 0.0]), sent.corner_normal)
     wanted /= np.linalg.norm(wanted, axis=2, keepdims=True)

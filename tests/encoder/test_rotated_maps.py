@@ -5,7 +5,7 @@ import pytest
 
 from texfcodec import EncodeOptions, decode
 from texfcodec.encoder.encode import encode_scene
-from texfcodec.encoder.shading.rotated_normal_map import mean_matrices, rotate_normal_map
+from texfcodec.encoder.shading.frame_choice import mean_matrices, rotate_normal_map
 from texfcodec.field.texel_set import shown_area
 from texfcodec.metrics.shaded import compare_channels
 from texfcodec.report import Report

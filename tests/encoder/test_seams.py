@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from texfcodec.encoder.mesh.crease_edges import seam_edges, sharp_edges
+from texfcodec.encoder.mesh.topology import seam_edges, sharp_edges
 from texfcodec.geometry.mesh import Mesh
 
 FACES = np.array([[0, 1, 2], [0, 2, 3], [3, 2, 4]])

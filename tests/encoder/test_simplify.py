@@ -6,9 +6,8 @@ from rough_meshes import grid, rough, torus
 from shapes import sphere, square
 from slow_collapses import collapses
 
-from texfcodec.encoder.mesh.crease_edges import seam_edges, sharp_edges
 from texfcodec.encoder.mesh.simplify import simplify
-from texfcodec.encoder.mesh.topology import undirected
+from texfcodec.encoder.mesh.topology import seam_edges, sharp_edges, undirected
 from texfcodec.geometry.mesh import Mesh
 
 

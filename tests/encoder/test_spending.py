@@ -12,7 +12,7 @@ from walls import boxes, smooth_image, wall
 from texfcodec import EncodeOptions, Report, decode
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.encoder.place.prefilter_textures import prefilter_textures
-from texfcodec.encoder.price import Lagrangian
+from texfcodec.encoder.requests import Requests
 from texfcodec.encoder.values.unit_qp import LEAST_SAVED, CodedUnit, choose_qp, has_few_colours
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.load import load
@@ -118,7 +118,7 @@ def test_a_small_share_of_a_jpeg_does_not_take_the_quality_of_a_small_unit():
         tried.append(coder.qp)
         return CodedUnit(codec=None, values={}, bytes=size, plane=plane, decoded=np.zeros((400, 3), np.uint8))
 
-    coder = Lagrangian.of(EncodeOptions(rate="r03")).planes
+    coder = Requests.of(EncodeOptions(rate="r03")).price.planes
     small = code(coder, 60)
     assert choose_qp(small, code, coder, 10_000, 20.0).value is small
     assert choose_qp(code(coder), code, coder, 10_000, 20.0).evidence["qp"] == max(tried) == 28 + 18
@@ -132,7 +132,7 @@ def test_what_an_image_file_allows_is_the_same_quality_from_any_rate():
         size = round(11_549 * 2 ** (-0.155 * (coder.qp - 23.1)))
         return CodedUnit(codec=None, values={}, bytes=size, plane=plane, decoded=np.zeros((400, 3), np.uint8))
 
-    coder, found = Lagrangian.of(EncodeOptions(rate="r03")).planes, []
+    coder, found = Requests.of(EncodeOptions(rate="r03")).price.planes, []
     for qp in range(16, 26):
         at = coder.at(qp=qp)
         found.append(choose_qp(code(at), code, at, 1.0, 11_549.0).evidence.get("qp", qp))

@@ -13,10 +13,10 @@ from texfcodec.codecs import codec_of
 from texfcodec.encoder.caches import Caches
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.encoder.prepare.uniform_colour import material_colours
-from texfcodec.encoder.price import Lagrangian
+from texfcodec.encoder.requests import Requests
 from texfcodec.encoder.stages import Prepared
 from texfcodec.encoder.supports import choice as supports
-from texfcodec.encoder.supports.choice import FINER_COST, SupportRequest, choose_supports
+from texfcodec.encoder.supports.choice import FINER_COST, choose_supports
 from texfcodec.encoder.supports.trial import Trials
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.load import load
@@ -41,7 +41,7 @@ def supports_of(scene, options):
     surface = make_surface(scene, options)
     colours = material_colours(scene, surface)
     prepared = Prepared(scene=scene, materials=scene.materials, surface=surface, colours=colours, evidence={})
-    decision = choose_supports(prepared, Lagrangian.of(options), SupportRequest.of(options), Caches())[0]
+    decision = choose_supports(prepared, Requests.of(options).price, Requests.of(options).support, Caches())[0]
     return SimpleNamespace(**vars(decision.value), evidence=decision.evidence)
 
 
@@ -163,9 +163,9 @@ def test_k_is_bounded_by_the_voxels_that_it_would_make(monkeypatch):
     options = EncodeOptions(rate="r03", support="voxels")
     surface = make_surface(scene, options)
     colours = material_colours(scene, surface)
-    request = SupportRequest.of(options, frozenset({0}))
+    request = Requests.of(options, frozenset({0})).support
     prepared = Prepared(scene=scene, materials=scene.materials, surface=surface, colours=colours, evidence={})
-    finer = choose_supports(prepared, Lagrangian.of(options), request, Caches())[0]
+    finer = choose_supports(prepared, Requests.of(options).price, request, Caches())[0]
     assert finer.value.resolution < K
 
 
@@ -358,9 +358,9 @@ def test_images_that_stay_over_voxels_count_by_their_texels_together(monkeypatch
                     textures=[Texture(smooth_image(16, 16, 2, seed)) for seed in (0, 1)])
     weights, of = [], Trials.region
 
-    def region(trials, scene, surface, faces, *texels):
-        made = of(trials, scene, surface, faces, *texels)
-        if len(faces) == len(surface.faces):
+    def region(trials, faces, *texels):
+        made = of(trials, faces, *texels)
+        if len(faces) == len(trials.surface.faces):
             weights.append(made.weight)
         return made
 

@@ -59,7 +59,7 @@ def nothing_probed(monkeypatch):
 
     for place in ("encoder.supports.probe.SampleRegion.__init__", "encoder.values.surface_fit.FieldSurface.sample",
                   "encoder.supports.probe.probe_voxels", "encoder.supports.probe.probe_texels",
-                  "encoder.place.partition_error.uncoded_errors",
+                  "encoder.place.partition.uncoded_errors",
                   "encoder.values.source_field.transfer", "encoder.values.refinement.fit_surface"):
         monkeypatch.setattr(f"texfcodec.{place}", refuse)
 

@@ -1,6 +1,7 @@
 """The front door: what it takes, what it warns of, and what editors see of it."""
 
 import io
+import re
 import subprocess
 import sys
 import tempfile
@@ -208,19 +209,64 @@ def test_long_stages_say_how_far_they_are_and_never_go_back():
     run(texfcodec.decode, data, {"threads": 1}, ("geometry", "voxelise", "attributes"))
 
 
-def test_mypy_finds_nothing_and_sees_every_public_name(tmp_path, pytestconfig):
-    """As pyproject.toml sets it up. What it reveals of each name is no Any; two faults of a program that uses them are found."""
-    program = "import io\nimport texfcodec\n" + "".join(f"reveal_type(texfcodec.{name})\n" for name in texfcodec.__all__)
-    program += 'reveal_type(texfcodec.encode(io.BytesIO(), {"rate": "r03"}))\nreveal_type(texfcodec.decode(b""))\n'
-    program += 'texfcodec.decode("a.texf").save(io.BytesIO(), format="glb")\ntexfcodec.nonsense\ntexfcodec.encode(3)\n'
-    (tmp_path / "program.py").write_text(program)
+PUBLIC = "import io\nimport texfcodec\n" + "".join(f"reveal_type(texfcodec.{name})\n" for name in texfcodec.__all__) + """\
+reveal_type(texfcodec.encode(io.BytesIO(), {"rate": "r03"}))
+reveal_type(texfcodec.decode(b""))
+texfcodec.decode("a.texf").save(io.BytesIO(), format="glb")
+texfcodec.nonsense
+texfcodec.encode(3)
+"""
+FACES = """\
+from dataclasses import replace
+import numpy as np
+from texfcodec.encoder.faces import source_faces
+from texfcodec.encoder.mesh.choice import kept
+from texfcodec.encoder.place.geometry_units import code_geometry
+from texfcodec.encoder.shading.frame_choice import fit_frames
+from texfcodec.encoder.stages import Meshed, Shaded
+from texfcodec.encoder.values.shown_maps import with_folded_normals
+
+def mixed(meshed: Meshed, shaded: Shaded, price, cache) -> None:
+    sent, scene, usual, number = meshed.mesh.value, meshed.prepared.scene, meshed.usual, np.zeros(1)
+    with_folded_normals(scene, sent.surface, meshed.plans[0].group.faces)
+    with_folded_normals(scene, sent.surface, sent.source_face)  # mixed
+    with_folded_normals(scene, sent.source_on_mesh, meshed.plans[0].group.faces)  # mixed
+    source_faces(usual, meshed.supports.plans[0].group.faces)
+    source_faces(usual, meshed.plans[0].group.faces)  # mixed
+    source_faces(usual, sent.source_face)  # mixed
+    source_faces(sent.surface)  # mixed
+    code_geometry(sent.surface, number, dict(enumerate(meshed.plans)))
+    code_geometry(sent.surface, number, dict(enumerate(meshed.supports.plans)))  # mixed
+    code_geometry(sent.source_on_mesh, number, {})  # mixed
+    fit_frames(scene, sent.surface, shaded.shading, meshed.supports.plans, price, cache)  # mixed
+    replace(sent, source_face=meshed.plans[0].group.faces)  # mixed
+    kept(scene, sent.surface)  # mixed
+"""
+
+
+@pytest.fixture(scope="module")
+def by_mypy(tmp_path_factory, pytestconfig):
+    """What mypy writes of the package, set up by pyproject.toml, and of PUBLIC and FACES."""
+    folder = tmp_path_factory.mktemp("typed")
+    (folder / "public.py").write_text(PUBLIC)
+    (folder / "mixed.py").write_text(FACES)
     command = [sys.executable, "-m", "mypy", "--no-color-output", "--cache-dir", str(pytestconfig.cache.mkdir("mypy")),
-               "texfcodec", str(tmp_path / "program.py")]
-    said = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False).stdout
+               "texfcodec", str(folder / "public.py"), str(folder / "mixed.py")]
+    return subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False).stdout
+
+
+def test_mypy_finds_nothing_and_sees_every_public_name(by_mypy):
+    """What it reveals of each name is no Any; two faults of a program that uses them are found."""
+    said = "\n".join(line for line in by_mypy.splitlines() if "mixed.py" not in line)
     revealed = [line.split("Revealed type is ")[1] for line in said.splitlines() if "Revealed type is " in line]
     assert len(revealed) == len(texfcodec.__all__) + 2 and not any(text in ('"Any"', '"object"') for text in revealed), said
     assert "texfcodec.texf.Texf" in revealed[-1] and "bytes" in revealed[-2]
     assert said.count(": error: ") == 2 and 'no attribute "nonsense"' in said and 'incompatible type "int"' in said, said
+
+
+def test_mypy_refuses_faces_of_the_source_where_those_of_the_sent_mesh_are_due_and_the_reverse(by_mypy):
+    refused = [int(number) for number in re.findall(r"mixed\.py:(\d+): error: ", by_mypy)]
+    assert refused == [number for number, line in enumerate(FACES.splitlines(), 1) if line.endswith("# mixed")], by_mypy
 
 
 def test_public_names_are_there_and_what_they_say_has_sections():

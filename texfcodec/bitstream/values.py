@@ -18,7 +18,7 @@ from .syntax import SUPPORT_TEXELS, SUPPORT_VOXELS, VERSION
 if TYPE_CHECKING:
     from ..codecs.base import Group
     from ..geometry.surface import Surface
-    from ..options import EncodeOptions
+    from ..limits import Limits
     from ..report import Report
     from ..scene.normal_rule import NormalRule
 
@@ -63,12 +63,12 @@ def attribute_values(codec: Codec, field: int, group: int, checksum: int, values
             "codec_name": name, "level_shift": shift, "values_crc": checksum, **values}
 
 
-def metadata_bytes(metadata: dict, options: EncodeOptions, report: Report) -> bytes | None:
+def metadata_bytes(metadata: dict, limits: Limits, report: Report) -> bytes | None:
     """The metadata unit's JSON; None without metadata or if it exceeds the limit, which the report then remarks."""
     if not metadata:
         return None
     raw = json_text(metadata, ensure_ascii=False, separators=(",", ":"), sort_keys=True).encode("utf-8", "replace")
-    if options.limits.metadata_bytes is not None and len(raw) > options.limits.metadata_bytes:
+    if limits.metadata_bytes is not None and len(raw) > limits.metadata_bytes:
         report.remarks.append(f"the metadata, {len(raw)} bytes, exceed the limit and are left out")
         return None
     return raw

@@ -209,11 +209,12 @@ def _estimate(scene, options, report):
     from dataclasses import replace
 
     from ..encoder.dry_run import estimate
-    from ..encoder.prepare.stage import PrepareRequest, prepare
+    from ..encoder.prepare.stage import prepare
+    from ..encoder.requests import Requests
 
     with report.stage("estimate"):
         voxels, seconds = estimate(scene, options)
-    request = replace(PrepareRequest.of(options), measures_weights=False)  # which takes a second
+    request = replace(Requests.of(options).prepare, measures_weights=False)  # which takes a second
     return {**prepare(scene, request, report).evidence, "dry_run": True, "bytes": None, **_sizes(scene, None),
             "resolution": options.resolution, "qp": options.qp, "voxels": None,
             "faces": len(scene.faces), "vertices": len(scene.positions), "materials": len(scene.materials),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from ..options import DecodeOptions, EncodeOptions
     from ..report import Report
     from ..scene.channels import Channel
-    from ..scene.scene import Scene
+    from ..scene.scene import Material, Scene
 
 Settings = Any  # of Codec.settings(): a dataclass of each codec's own
 PROFILES = ("base", "lossless", "neural")  # spec 10.3, each with what those before it have
@@ -132,6 +133,19 @@ class Source(NamedTuple):
         """
         return np.array([channel.material_name in m.maps for m in self.scene.materials], bool)[self.surface.material]
 
+    def materials_of(self, field: int) -> list[Material]:
+        """Lists the materials of a field's faces.
+
+        Parameters
+        ----------
+        field : int
+
+        Returns
+        -------
+        list of Material
+        """
+        return [self.scene.materials[m] for m in np.unique(self.surface.material[self.face_field == field])]
+
 
 def split_groups(values: np.ndarray, groups: Sequence[Group]) -> dict:
     """Splits the values of several groups into planes.
@@ -212,6 +226,7 @@ class Codec(ABC):
     checksum_clause: str = "7.10"  # of the specification, about the checksum of decoded values
     small: tuple[dict, ...] = ()  # EncodeOptions of short runs that compile the codec's kernels
     kernels: tuple[str, ...] = ()  # files of the package with kernels that every run enters
+    settings_type: type[Any] | None = None  # frozen dataclass of the settings of enc(): its fields are EncodeOptions
 
     @property
     def parameters(self) -> Structure:
@@ -258,10 +273,13 @@ class Codec(ABC):
         Returns
         -------
         Settings
-            A frozen dataclass of the codec's own. A plane codec's has "qp", "max_error" and "chroma_qp_offset". The default
-            returns options unchanged.
+            An object of settings_type. A plane codec's has "qp", "max_error" and "chroma_qp_offset". Without a settings_type
+            the options unchanged.
         """
-        return options
+        if self.settings_type is None:
+            return options
+        names = {field.name for field in fields(self.settings_type)} & options.given.keys()
+        return self.settings_type(**{name: getattr(options, name) for name in names})
 
     def check_options(self, options: EncodeOptions) -> None:
         """Refuses options that contradict each other.

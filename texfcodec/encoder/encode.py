@@ -8,20 +8,19 @@ from typing import TYPE_CHECKING
 from ..options import EncodeOptions
 from ..report import Report
 from .caches import Caches
-from .mesh.choice import MeshRequest
 from .mesh.stage import mesh
 from .place.stage import place
-from .prepare.stage import PrepareRequest, prepare
-from .price import Lagrangian
+from .prepare.stage import prepare
+from .requests import Requests
 from .shading.stage import shade
-from .supports.choice import SupportRequest
 from .supports.stage import support
 from .values.stage import fill
 from .write import Encoded, write
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
-    from .stages import Filled, Prepared, Supported
+    from .stages import Filled, Supported
+    from .supports.choice import SupportRequest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +48,8 @@ class Encoder:
     scene: Scene
     caches: Caches = field(default_factory=Caches)
 
-    def prepared(self, options: EncodeOptions, report: Report) -> Prepared:
-        """Run the first stage.
+    def supported(self, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset()) -> Supported:
+        """Run the first two stages.
 
         Parameters
         ----------
@@ -58,27 +57,6 @@ class Encoder:
             The request.
         report : Report
             Receives seconds by stage, warnings and losses.
-
-        Returns
-        -------
-        Prepared
-            The scene as it has to be coded.
-
-        Raises
-        ------
-        InputError, LimitError
-            The mesh or an option is at fault; the mesh is over a limit.
-        """
-        request = PrepareRequest.of(options)
-        return self.caches.prepared.get(request, lambda: prepare(self.scene, request, report))
-
-    def supported(self, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset()) -> Supported:
-        """Run the first two stages.
-
-        Parameters
-        ----------
-        options, report
-            As of prepared().
         finer : frozenset of int, optional
             Materials whose parts were too coarse in an earlier encode.
 
@@ -90,12 +68,17 @@ class Encoder:
         Raises
         ------
         InputError, LimitError
-            As of prepared().
+            The mesh or an option is at fault; the mesh is over a limit.
         """
-        before, request, price = self.prepared(options, report), SupportRequest.of(options, finer), Lagrangian.of(options)
+        return self._supported(Requests.of(options, finer), report)
+
+    def _supported(self, requests: Requests, report: Report) -> Supported:
+        """Return the results of the first two stages."""
+        prepared = self.caches.prepared.get(requests.prepare, lambda: prepare(self.scene, requests.prepare, report))
+        request, price = requests.support, requests.price
         coder = None if price.coder is None else price.coder.signature
         key = _SupportedKey(request=request, coder=coder, qp=price.qp, resolution=price.resolution)
-        return self.caches.supported.get(key, lambda: support(before, request, price, self.caches, report))
+        return self.caches.supported.get(key, lambda: support(prepared, request, price, self.caches, report))
 
     def filled(self, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset(),
                budget: int | None = None) -> Filled:
@@ -120,11 +103,12 @@ class Encoder:
         OverBudget
             The geometry alone takes the budget.
         """
-        supported = self.supported(options, report, finer)
-        meshed = mesh(supported, MeshRequest.of(options), self.caches, report)
+        requests = Requests.of(options, finer)
+        supported = self._supported(requests, report)
+        meshed = mesh(supported, requests.mesh, self.caches, report)
         shaded = shade(meshed, budget, self.caches.frames, report)
         placed = place(shaded, budget, report)
-        return fill(placed, options, self.caches.fields, report)
+        return fill(placed, requests.fill, self.caches.fields, report)
 
     def encode(self, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset()) -> Encoded:
         """Run all stages and write the stream.

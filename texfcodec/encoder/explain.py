@@ -120,7 +120,8 @@ def explain_time(scene: Scene, options: EncodeOptions, encoded: Encoded, stages:
     bench = _Bench(scene, options)
     base, planned = bench.run(requested)
     budget = ENCODES * base["seconds"] if budget is None else budget
-    curve = [base, *(bench.code(planned.with_qp(qp)) for qp in _curve_qps(encoded))]
+    qps = [] if encoded.qp is None else [qp for qp in (encoded.qp + step for step in CURVE) if 0 <= qp <= 63]
+    curve = [base, *(bench.code(planned.with_qp(qp)) for qp in qps)]
     del planned
     first = time.perf_counter()
     rows: list[dict] = []
@@ -133,11 +134,6 @@ def explain_time(scene: Scene, options: EncodeOptions, encoded: Encoded, stages:
     spent = round(time.perf_counter() - begin, 3)
     return {"stages": stages, "budget": round(budget, 3), "spent": spent, "samples": SAMPLES, "base": base, "neighbours": rows,
             "not_tried": not_tried}
-
-
-def _curve_qps(encoded):
-    """Return QPs beside that of the stream for its rate curve; none if no QP coded it."""
-    return [] if encoded.qp is None else [qp for qp in (encoded.qp + step for step in CURVE) if 0 <= qp <= 63]
 
 
 def _tried(bench, requested, neighbour, base, curve):

@@ -12,8 +12,8 @@ from ..geometry.geometry_unit import GeometryUnit
 from ..geometry.mesh import Mesh
 from ..scene.normal_rule import JOINED, NormalRule
 from .mesh.carried_uvs import SeamedMesh, carried_uvs
-from .mesh.crease_edges import seam_edges, sharp_edges
 from .mesh.simplify import simplify
+from .mesh.topology import seam_edges, sharp_edges
 
 if TYPE_CHECKING:
     from ..texf import Texf
@@ -41,7 +41,10 @@ def with_fewer_faces(texf: Texf, count: int | None = None) -> Texf:
     corner_uv = texf.uv[texf.faces]
     seams = np.concatenate([seam_edges(faces, unit), seam_edges(faces, corner=corner_uv)])
     order = simplify(source, np.concatenate([seams, sharp_edges(source, SHARP)]))
-    some = order.at(_count_within(order) if count is None else count)
+    if count is None:
+        done = int(np.append(order.error > MOST_ERROR, True).argmax())  # collapses before the first that goes beyond
+        count = int(order.remaining[done - 1]) if done else len(faces)
+    some = order.at(count)
     if any(u.uv is not None for u in texf.units):
         simplified = SeamedMesh(some.mesh, some.edges(seams))
         corner_uv = carried_uvs(SeamedMesh(source, seams), corner_uv, simplified, some.face)
@@ -49,12 +52,6 @@ def with_fewer_faces(texf: Texf, count: int | None = None) -> Texf:
     units = [_unit(texf, number, placed, some.mesh.faces[rows], corner_uv[rows] if u.uv is not None else None)
              for number, u in enumerate(texf.units) for rows in [unit[some.face] == number] if rows.any()]
     return replace(texf, units=units, materials=[_by_angle(m) for m in texf.materials], sharp_edges=None, coded_normals=None)
-
-
-def _count_within(order):
-    """Return the number of faces before the first collapse of a Simplification that goes beyond MOST_ERROR."""
-    done = int(np.append(order.error > MOST_ERROR, True).argmax())
-    return int(order.remaining[done - 1]) if done else len(order.source.faces)
 
 
 def _unit(texf, number, placed, faces, corner_uv):

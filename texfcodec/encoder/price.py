@@ -12,14 +12,11 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ..codecs import codec_of
-from ..codecs.base import PlaneCodec
 from ..core.colour_error import decibels
-from .values.coder import Coder
 
 if TYPE_CHECKING:
     from ..limits import Limits
-    from ..options import EncodeOptions
+    from .values.coder import Coder
 
 # Squared steps that a bit of values takes from the squared error of the picture where the coder works: medians of 13 images from
 # QP 40 to 20 are 0.06 to 0.08 over texels and 0.08 to 0.10 over voxels of K 1024, quartiles 0.06 and 0.11; maps of three
@@ -60,16 +57,6 @@ class Lagrangian:
     limits: Limits
     values: float = 1 << 20
     has_promise: bool = True
-
-    @classmethod
-    def of(cls, request: EncodeOptions) -> Lagrangian:
-        """Return the prices at the quality of a request."""
-        codec = codec_of(request.codec)
-        coder = Coder(codec, codec.settings(request)) if isinstance(codec, PlaneCodec) else None
-        assert request.resolution is not None  # its __post_init__ fills it in
-        return cls(coder=coder, qp=request.reckoned_qp, max_error=request.max_error, resolution=request.resolution,
-                   effort=request.effort, is_free=request.rate_is_free, is_fitted=request.may_fit,
-                   area_threshold=request.area_threshold, threads=request.threads, limits=request.limits)
 
     @property
     def planes(self) -> Coder:

@@ -30,9 +30,11 @@ from ..render.environment import DAYLIGHT
 from ..report import Report
 from .caches import Cache, Caches
 from .encode import Encoder
+from .faces import SentSurface
 from .mesh.choice import FEWEST
 from .place.geometry_units import code_geometry, geometry_bytes
 from .place.stage import OverBudget
+from .requests import Requests
 from .values.map_planes import groups_of
 from .write import Encoded, write
 
@@ -127,7 +129,7 @@ def encode_to_target(scene: Scene, options: EncodeOptions, report: Report) -> En
 def least_bytes(scene: Scene, options: EncodeOptions) -> tuple[int, int]:
     """Return (bytes of the header, bytes of the geometry) of a scene with one field over voxels and the fewest position bits that
     the encoder takes. This is known before any colour is read."""
-    surface = make_surface(scene, options)
+    surface = SentSurface(make_surface(scene, Requests.of(options).prepare))
     geometry, _ = code_geometry(surface, np.zeros(len(surface.faces), np.int64), {})
     header = Stream(header_values([], surface, geometry, 1, groups_of(set(), False)))
     return len(write_stream(header)[0]), geometry_bytes(geometry)
@@ -257,10 +259,6 @@ class _Search:
         near = [a for a in met for b in missed if abs(a.qp - b.qp) <= CLOSE]
         return min(near, key=lambda line: min(-excess for _, excess in line.tried if excess <= 0)) if near else None
 
-    def _from_met(self, line, qp):
-        """Return the distance in QPs to the nearest other line that met the target."""
-        return min((abs(qp - other.qp) for other in self._lines if other.has_met and other is not line), default=math.inf)
-
     def _following(self, line):
         """Return the QP to try next on a line; None if none is left."""
         place = next_place(line.tried, self._slope, not line.plan.price.planes.has_fractions)
@@ -279,7 +277,10 @@ class _Search:
             line.tried.append((self.target.place(qp), self.target.excess(trial)))
             self._slope = slope_of(line.tried, self._slope)
             qp = self._following(line)
-            if qp is not None and abs(qp - line.qp) > min(reach, self._from_met(line, qp)):
+            if qp is None:
+                return None
+            others = [abs(qp - other.qp) for other in self._lines if other.has_met and other is not line]
+            if abs(qp - line.qp) > min([reach, *others]):
                 return self._between(qp)
         return None
 

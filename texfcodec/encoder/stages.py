@@ -14,17 +14,17 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..codecs.base import Source
-    from ..geometry.surface import Surface
-    from ..options import EncodeOptions
     from ..scene.scene import Material, Scene
     from .decision import Decision
+    from .faces import SentSurface, SourceSurface
     from .mesh.choice import SentMesh
     from .place.part_fields import PartFields
     from .price import Lagrangian
     from .shading.normal_rules import Shading
     from .supports.choice import Supports
-    from .supports.texel_plan import TexelPlan
+    from .supports.texel_plan import SentPlan
     from .values.source_field import SourceField
+    from .values.stage import FillRequest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class Prepared:
 
     scene: Scene
     materials: list[Material]
-    surface: Surface
+    surface: SourceSurface
     colours: np.ndarray
     evidence: dict[str, Any]
 
@@ -50,14 +50,15 @@ class Supported:
 
 @dataclass(frozen=True, kw_only=True)
 class Meshed:
-    """The chosen supports, with their mesh. supports: on the sent mesh; price: at their K; usual: the source's Surface at its
+    """The chosen supports, with their mesh. plans: of supports, on the sent mesh; price: at their K; usual: the source at its
     bits; shown: the scene without detail that no voxel shows; partition: face fields on usual; mesh: the sent one; evidence: of
     supports, partition and mesh."""
 
     prepared: Prepared
     supports: Supports
+    plans: list[SentPlan]
     price: Lagrangian
-    usual: Surface
+    usual: SourceSurface
     shown: Scene
     partition: Decision[PartFields]
     mesh: Decision[SentMesh]
@@ -75,7 +76,7 @@ class Shaded:
 
     meshed: Meshed
     shading: Shading
-    plans: list[TexelPlan]
+    plans: list[SentPlan]
     evidence: dict[str, Any]
 
 
@@ -96,14 +97,14 @@ class Placed:
 class Filled:
     """Everything that the stream holds but coded values; it does not depend on the QP except through the choice of supports.
 
-    request: unchanged; price: at the coded quality, at the chosen K; surface: the sent mesh; geometry, source: as of Placed;
+    request: of the values; price: at the coded quality, at the chosen K; surface: the sent mesh; geometry, source: as of Placed;
     fields: SourceFields with values, without them if the codec reads the source itself; materials: as the stream holds them;
     resolution: K, None if no field is over voxels; evidence: of every choice by its name.
     """
 
-    request: EncodeOptions
+    request: FillRequest
     price: Lagrangian
-    surface: Surface
+    surface: SentSurface
     geometry: list[dict]
     source: Source
     fields: list[SourceField]

@@ -211,7 +211,8 @@ def check_encoded(scene: Scene, encoded: Encoded, options: EncodeOptions, second
         return {"y": None, "rgb": None, "parts": [], "visible": False, "worst": None, **known}
     inexact = [part for part in compared["parts"] if part["rgb"] is not None]
     worst = min(inexact, key=lambda part: part["rgb"], default=None)
-    seen = {} if _is_geometry_alone(scene, encoded) else _seen(scene, texf, options)
+    is_geometry_alone = scene.corner_normal is None and encoded.choices["supports"].get("reason") == NOTHING_TO_PROBE
+    seen = {} if is_geometry_alone else _seen(scene, texf, options)  # which has its own checksum
     return {**compared, "visible": True, "worst": worst, **seen, **known}
 
 
@@ -278,12 +279,6 @@ def _decoded(encoded, options, seconds):
 
     texf = decode_stream(encoded.data, DecodeOptions(threads=options.threads, limits=UNLIMITED), Report(), known)
     return texf, counts
-
-
-def _is_geometry_alone(scene, encoded):
-    """Return whether pictures show nothing but the geometry, which has its own checksum: one colour, and normals that follow from
-    the geometry."""
-    return scene.corner_normal is None and encoded.choices["supports"].get("reason") == NOTHING_TO_PROBE
 
 
 def _seen(scene, texf, options):

@@ -89,14 +89,10 @@ def _without_values(filled: Filled, report: Report) -> Stream:
     stream.materials = [material_values(m, rule) for m, rule in zip(filled.materials, shading.rules, strict=True)]
     stream.sharp_edges, stream.coded_normals = shading.sharp_edges, shading.coded_normals
     stream.fields = [field_values(i, part.support, part.threshold) for i, part in enumerate(filled.fields)]
-    stream.metadata = metadata_bytes(scene.metadata | _samplers(filled.fields), filled.request, report)
+    squares = [number for number, part in enumerate(filled.fields) if part.nearest]  # samplers, which the bitstream does not know
+    metadata = scene.metadata | ({NEAREST_FIELDS: squares} if squares else {})
+    stream.metadata = metadata_bytes(metadata, filled.price.limits, report)
     return stream
-
-
-def _samplers(fields: list[SourceField]) -> dict:
-    """Return metadata of samplers, which the bitstream does not know: fields whose texels are squares of one colour."""
-    squares = [number for number, part in enumerate(fields) if part.nearest]
-    return {NEAREST_FIELDS: squares} if squares else {}
 
 
 def _sha256(fields: list[SourceField], planes: list[dict[str, np.ndarray]]) -> str:

@@ -161,6 +161,30 @@ def sampled_values(name: str, sampled: np.ndarray) -> np.ndarray:
     return values_of_map(name, sampled) if BY_NAME[name].unit == "degrees" else sampled[:, map_columns(name)]
 
 
+def wrapped(line: np.ndarray, size: int, mode: int) -> np.ndarray:
+    """Columns or rows of an image under a wrap mode.
+
+    Parameters
+    ----------
+    line : int64 [N]
+        Any whole numbers.
+    size : int
+        Columns or rows of the image.
+    mode : int
+        One of WRAP_*.
+
+    Returns
+    -------
+    int64 [N]
+        0..size - 1.
+    """
+    if mode == WRAP_CLAMP:
+        return np.clip(line, 0, size - 1)
+    if mode == WRAP_REPEAT:
+        return line % size
+    return np.minimum(line % (2 * size), 2 * size - 1 - line % (2 * size))
+
+
 def _rows(faces):
     return slice(None) if faces is None else faces
 

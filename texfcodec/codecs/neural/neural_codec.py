@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,11 +29,8 @@ class Neural(JointCodec):
     options = frozenset({"point", "resident_bytes", "latent_index", "transport", "steps", "seed", "checkpoint", "fit_engine"})
     position_bits = 16  # a payload of 50 dB shows what 14 do to a picture: bottle 45.6 dB over 4 views, 50.1 with exact geometry
     checksum_clause = "11.8"
+    settings_type = NeuralOptions
     small = ({"resolution": 16, "resident_bytes": 40_000, "steps": 2, "transport": True, "fit_engine": "numba"},)
-
-    def settings(self, options: EncodeOptions) -> NeuralOptions:
-        """See Codec.settings."""
-        return NeuralOptions(**{option.name: getattr(options, option.name) for option in fields(NeuralOptions)})
 
     def check_options(self, options: EncodeOptions) -> None:
         """See Codec.check_options."""

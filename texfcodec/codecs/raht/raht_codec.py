@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +15,6 @@ from .raht_syntax import CODEWORD, FILTER, RAHT, TRANSFORM_BT709
 if TYPE_CHECKING:
     from ...field.texels import TexelSupport
     from ...field.voxels import VoxelSupport
-    from ...options import EncodeOptions
 
 
 class Raht(PlaneCodec):
@@ -27,14 +25,10 @@ class Raht(PlaneCodec):
     structures = (RAHT, CODEWORD, FILTER)
     options = frozenset({"rate", "qp", "target_bytes", "target_psnr", "target_psnr_of", "lossless", "max_error", "effort",
                          "chroma_qp_offset"})
+    settings_type = RahtOptions
     kernels = ("codecs/raht/coefficients/mixed.py",)  # of the usual efforts
     small = ({"resolution": 64, "qp": 20}, {"resolution": 16, "max_error": 0}, {"resolution": 16, "effort": "fast"},
              {"support": "texels", "texel_size": 8})
-
-    def settings(self, options: EncodeOptions) -> RahtOptions:
-        """See Codec.settings."""
-        names = (option.name for option in fields(RahtOptions) if option.name not in ("qp_fraction", "is_rough"))
-        return RahtOptions(**{name: getattr(options, name) for name in names})
 
     def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: RahtOptions) -> tuple[dict, np.ndarray]:
         """See PlaneCodec.enc; options.max_error bounds the error of every rounded value."""

@@ -24,28 +24,28 @@ from ...geometry.surface import Surface, make_surface, place_mesh
 from ...metrics.surface_distance import surface_distance
 from ...options import FINEST_POSITIONS
 from ...report import Step, no_step
+from ..caches import Cache
 from ..decision import Decision
+from ..faces import LatticeFaces, SentSurface, SourceFaces, SourceSurface, source_faces
 from ..prepare.channel_weights import shown_of_radians
 from ..supports.image_groups import brought_near
 from ..values.unit_qp import has_few_colours
 from .carried_uvs import SeamedMesh, carried_uvs
-from .crease_edges import seam_edges, sharp_edges
 from .draco_bytes import draco_bytes
 from .drawn_source import DrawnSource, FetchedNormals, draw_onto
 from .joint_lattice import joint_lattice
 from .picture_error import PictureComparison, PictureError
 from .simplify import simplify
+from .topology import seam_edges, sharp_edges
 from .vertex_fit import MatchedLines, fit_vertices, own_fit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ...limits import Limits
-    from ...options import EncodeOptions
     from ...scene.scene import Scene
-    from ..caches import Cache
     from ..price import Lagrangian
-    from ..supports.texel_plan import TexelPlan
+    from ..supports.texel_plan import SourcePlan
     from .simplify import Simplification
     from .vertex_fit import VertexFit
 
@@ -74,16 +74,16 @@ NOTHING = 1e9  # the squared error of a mesh of which nothing is left
 class SentMesh:
     """The mesh that is sent.
 
-    scene: with the faces that are sent; surface: the same on its lattice; source_face: int64 [G], index of the source face that
-    each face was simplified from; source_on_mesh: the source's faces on that surface, or the surface itself; corner_places:
-    places of their corners there, None if it is the surface; carries: whether its faces are fewer and have UVs of their own, so
+    scene: with the faces that are sent; surface: the same on its lattice; source_face: [G], the source face that each face was
+    simplified from; source_on_mesh: the source's faces on that surface, or the surface itself; corner_places: places of their
+    corners there, None if it is the surface; carries: whether its faces are fewer and have UVs of their own, so
     that they show the same as the scene; saved: bytes that it costs less than the source's mesh.
     """
 
     scene: Scene
-    surface: Surface
-    source_face: np.ndarray
-    source_on_mesh: Surface
+    surface: SentSurface
+    source_face: SourceFaces
+    source_on_mesh: SourceSurface
     corner_places: DrawnSource | None = None
     carries: bool = False
     saved: float = 0.0
@@ -98,9 +98,9 @@ class SentMesh:
         return corner if self.corner_places is None else self.corner_places.from_corners(corner)
 
 
-def kept(scene: Scene, surface: Surface) -> SentMesh:
+def kept(scene: Scene, surface: SourceSurface) -> SentMesh:
     """Return the source's mesh on a lattice."""
-    return SentMesh(scene=scene, surface=surface, source_face=surface.origin_face, source_on_mesh=surface)
+    return SentMesh(scene=scene, surface=SentSurface(surface), source_face=source_faces(surface), source_on_mesh=surface)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,14 +115,6 @@ class MeshRequest:
     limits: Limits
     allow_empty: bool
     strict: bool
-
-    @classmethod
-    def of(cls, options: EncodeOptions) -> MeshRequest:
-        """The part of a request that the choice reads."""
-        assert options.position_bits is not None  # its __post_init__ fills it in
-        return cls(position_bits=options.position_bits, position_bits_are_free=options.position_bits_are_free,
-                   mesh_is_free=options.mesh_is_free, effort=options.effort, partition=options.partition, limits=options.limits,
-                   allow_empty=options.allow_empty, strict=options.strict)
 
 
 class _LatticeKey(NamedTuple):
@@ -144,7 +136,7 @@ class MeshChoice:
     """Choice of the mesh for one Scene. usual: its Surface at the usual position bits; mse: squared error of colours and maps,
     None if these take no bytes; cache: of meshes and their pictures, which depend on neither price nor mse."""
 
-    def __init__(self, scene: Scene, usual: Surface, price: Lagrangian, request: MeshRequest, mse: float | None,
+    def __init__(self, scene: Scene, usual: SourceSurface, price: Lagrangian, request: MeshRequest, mse: float | None,
                  cache: Cache) -> None:
         self.scene, self.usual, self.price, self.request, self.cache = scene, usual, price, request, cache
         self.most_moved = MOST_MOVED * (mse or 0.0)
@@ -164,12 +156,12 @@ class MeshChoice:
         return self.cache.get("pictures", lambda: PictureComparison(
             self.scene, self.usual, shown_of_radians(self.scene.weights), self.price.threads))
 
-    def picture_error(self, surface: Surface) -> PictureError:
+    def picture_error(self, surface: SourceSurface) -> PictureError:
         """Return the PictureError of the source on another lattice."""
         key = _LatticeKey("pictures", surface.cube.position_bits)
         return self.cache.get(key, lambda: self.pictures.of(surface, self.pictures.normals_of(surface)))
 
-    def finer(self) -> Surface:
+    def finer(self) -> SourceSurface:
         """Return the source at the position bits, from the usual ones on, that cost least."""
         if self.evidence["reason"]:
             return self.usual
@@ -187,11 +179,12 @@ class MeshChoice:
             self.evidence |= {"reason": "the usual position bits change the picture", "position_bits": best.cube.position_bits}
         return best
 
-    def _on_lattice(self, bits):
+    def _on_lattice(self, bits: int) -> SourceSurface:
         request = replace(self.request, position_bits=bits)
-        return self.cache.get(_LatticeKey("lattice", bits), lambda: make_surface(self.scene, request))
+        return self.cache.get(_LatticeKey("lattice", bits), lambda: SourceSurface(make_surface(self.scene, request)))
 
-    def smaller(self, surface: Surface, group: np.ndarray, plans: list[TexelPlan], step: Step = no_step) -> Decision[SentMesh]:
+    def smaller(self, surface: SourceSurface, group: np.ndarray, plans: list[SourcePlan],
+                step: Step = no_step) -> Decision[SentMesh]:
         """Return the mesh that costs least among the source's and smaller ones, at the usual bits and fewer.
 
         surface: of finer(); group: int64 [F] of its faces: two groups stay apart; plans: TexelPlans, whose UVs go with the faces;
@@ -226,11 +219,11 @@ def _is_exact(plan):
 
 
 class _MeshTrial(NamedTuple):
-    """A mesh that was tried. sent: None if no face has area; face: int64 [G], face of the usual surface that each face comes
-    from; moved: its PictureError."""
+    """A mesh that was tried. sent: None if no face has area; face: [G], face of the usual surface that each face comes from;
+    moved: its PictureError."""
 
     sent: SentMesh | None
-    face: np.ndarray
+    face: LatticeFaces
     moved: PictureError
 
 
@@ -263,7 +256,7 @@ class _Search:
     tries the most promising ones. plans: TexelPlans of the faces; usual: place in shares and bits of the source's mesh; tried: by
     place."""
 
-    def __init__(self, choice: MeshChoice, meshes: _Meshes, plans: list[TexelPlan]) -> None:
+    def __init__(self, choice: MeshChoice, meshes: _Meshes, plans: list[SourcePlan]) -> None:
         self.choice, self.meshes, self.price, self.plans = choice, meshes, choice.price, plans
         self.usual, self.tried = (0, meshes.usual.cube.position_bits), dict[tuple[int, int], _Candidate]()
         self._plan_of = np.full(len(meshes.usual.faces), -1)
@@ -310,7 +303,7 @@ class _Search:
         return _Candidate(place=place, faces=len(sent.surface.faces), geometry=size, moved=moved,
                           cost=self.price.cost(size, moved.error), refused=refused)
 
-    def _bytes(self, surface, face, corner_uv):
+    def _bytes(self, surface: SentSurface, face: LatticeFaces, corner_uv: np.ndarray) -> float:
         """Return bytes of Draco for the faces over voxels, and for those of each plan and material with their UVs. face: face of
         the usual surface that each face comes from."""
         plan_of, bits, size = self._plan_of[face], surface.cube.position_bits, 0.0
@@ -349,8 +342,8 @@ class _Search:
         if place in self.tried:
             return np.inf if self.tried[place].refused else self.tried[place].cost
         thin = (at for at, candidate in self.tried.items() if candidate.refused and candidate.moved.worst_lost > MOST_LOST)
-        if any(_is_coarser(place, at) for at in thin):
-            return np.inf
+        if any(place[0] >= at[0] and (at[0] > 0 or place[1] <= at[1]) for at in thin):
+            return np.inf  # fewer faces, or fewer bits of all faces, lose at least the thin parts that another mesh does
         known = [at for at in self.tried if at[0] == place[0]] or [at for at in self.tried if at[0]] or [(0, REFERENCE_BITS)]
         got = np.array([(self.tried[at].geometry, self.tried[at].moved.error) for at in known])
         was = np.maximum([reckoned[at] for at in known], 1e-9)
@@ -365,11 +358,11 @@ class _Search:
 
 
 class _Fit(NamedTuple):
-    """fit: VertexFit; face: int64 [G], source face of each of its faces; uvs: float64 [G, 3, 2] by names of map_uv, "" for
-    corner_uv; empty if UVs are not carried."""
+    """fit: VertexFit; face: [G], face of the usual surface that each of its faces comes from; uvs: float64 [G, 3, 2] by names of
+    map_uv, "" for corner_uv; empty if UVs are not carried."""
 
     fit: VertexFit
-    face: np.ndarray
+    face: LatticeFaces
     uvs: dict[str, np.ndarray]
 
 
@@ -378,7 +371,7 @@ class _Meshes:
     two groups stay apart; borders: int64 [L, 2], edges between groups; carries: whether faces keep UVs of their own; shares: of
     its faces that smaller meshes may have."""
 
-    def __init__(self, choice: MeshChoice, usual: Surface, group: np.ndarray, borders: np.ndarray, carries: bool) -> None:
+    def __init__(self, choice: MeshChoice, usual: SourceSurface, group: np.ndarray, borders: np.ndarray, carries: bool) -> None:
         self.scene, self.usual, self.choice = choice.scene, usual, choice
         self.group, self._borders, self._carries = group, borders, carries
         positions = np.zeros(self.usual.lattice.shape)
@@ -386,8 +379,7 @@ class _Meshes:
         self.source = Mesh(positions, self.usual.faces)
         self.shares = SHARES[:1] if carries and self.scene.corner_color is not None else SHARES  # texels have vertices' colours
         self._trials: dict[tuple[int, int], _MeshTrial] = {}
-        self._moved: dict[tuple[int, int], PictureError] = {}
-        self._fits: dict[int, _Fit] = {}
+        self._moved, self._fits = Cache(), Cache()  # PictureErrors by place and bits, _Fits by place
         self._simplifying: Callable[[], Simplification] | None = None
 
     def begin(self) -> Callable[[], Simplification]:
@@ -423,24 +415,22 @@ class _Meshes:
         """Drop all trials but one, of share and bits. Others are computed again when they are needed, except their pictures."""
         self._trials = {place: self.trial(*place)}
 
-    def _new_trial(self, place, bits):
+    def _new_trial(self, place: int, bits: int) -> _MeshTrial:
         if (place, bits) == (0, self.usual.cube.position_bits):
-            moved, face = self.choice.picture_error(self.usual), np.arange(len(self.usual.faces))
+            moved, face = self.choice.picture_error(self.usual), LatticeFaces(np.arange(len(self.usual.faces)))
             return _MeshTrial(kept(self.scene, self.usual), face, moved)
-        fit = self._fit(place)
+        fit = self._fits.get(place, lambda: self._new_fit(place))
         cube = replace(self.usual.cube, position_bits=bits)
         surface = place_mesh(cube, joint_lattice(fit.fit, cube), fit.fit.mesh.faces, self.usual.material[fit.face])
         if not face_areas(surface.lattice, surface.faces).any():
             return _MeshTrial(None, fit.face, PictureError(NOTHING, 1.0, 1.0))
-        face, there = fit.face[surface.origin_face], {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
+        face, there = LatticeFaces(fit.face[surface.origin_face]), {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
         mesh, threads = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.choice.price.threads
         fetched = FetchedNormals(self.source, self._points, mesh, threads)
         sent = self._sent(surface, face, place > 0, there, fetched)
-        if (place, bits) not in self._moved:
-            self._moved[place, bits] = self._moved_by(sent, fetched)
-        return _MeshTrial(sent, face, self._moved[place, bits])
+        return _MeshTrial(sent, face, self._moved.get((place, bits), lambda: self._moved_by(sent, fetched)))
 
-    def _moved_by(self, sent, fetched):
+    def _moved_by(self, sent: SentMesh, fetched: FetchedNormals) -> PictureError:
         """Return the PictureError of another mesh. fetched: FetchedNormals there."""
         pictures, wanted = self.choice.pictures, None
         normals = pictures.normals_of(sent.surface)
@@ -471,15 +461,10 @@ class _Meshes:
         rounding, *aways = in_order(away_of, meshes, self.choice.price.threads)
         return [0.0, *(FIT_GAIN * away / max(rounding, 1e-9 * cube.side) for away in aways)]
 
-    def _fit(self, place):
+    def _new_fit(self, place: int) -> _Fit:
         """Return the _Fit of a share of the faces."""
-        if place not in self._fits:
-            self._fits[place] = self._new_fit(place)
-        return self._fits[place]
-
-    def _new_fit(self, place):
         if place == 0:
-            return _Fit(own_fit(self.source), np.arange(len(self.source.faces)), {})
+            return _Fit(own_fit(self.source), LatticeFaces(np.arange(len(self.source.faces))), {})
         lines, threads = self._simplification.lines, self.choice.price.threads
         some = self._simplification.at(round(self.shares[place] * len(self.source.faces)))
         fit, uvs = fit_vertices(self.source, some.mesh, MatchedLines(lines, some.lines), rounds=1, threads=threads), {}
@@ -488,17 +473,20 @@ class _Meshes:
             rows = self.usual.origin_face
             for name, uv in {"": self.scene.corner_uv, **self.scene.map_uv}.items():
                 uvs[name] = carried_uvs(source, uv[rows].astype(np.float64), fitted, some.face, threads)
-        return _Fit(fit, some.face, uvs)
+        return _Fit(fit, LatticeFaces(some.face), uvs)
 
-    def _sent(self, surface, face, simplified, uvs, fetched):
+    def _sent(self, surface: Surface, face: LatticeFaces, simplified: bool, uvs: dict[str, np.ndarray],
+              fetched: FetchedNormals) -> SentMesh:
         """Return a SentMesh. surface: on its lattice; face: face of the usual surface that each face comes from; uvs: of a _Fit;
         fetched: FetchedNormals there."""
-        rows = self.usual.origin_face[face]
+        rows = source_faces(self.usual, face)
         if not simplified:
-            return kept(self.scene, replace(surface, origin_face=rows))
-        return self._simplified(replace(surface, origin_face=np.arange(len(face))), rows, self.group[face], uvs, fetched)
+            return kept(self.scene, SourceSurface(replace(surface, origin_face=rows)))
+        sent = SentSurface(replace(surface, origin_face=np.arange(len(face))))
+        return self._simplified(sent, rows, self.group[face], uvs, fetched)
 
-    def _simplified(self, surface, rows, group, uvs, fetched):
+    def _simplified(self, surface: SentSurface, rows: SourceFaces, group: np.ndarray, uvs: dict[str, np.ndarray],
+                    fetched: FetchedNormals) -> SentMesh:
         mesh, scene = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.scene
         normals = None
         if scene.corner_normal is not None and self.choice.pictures.is_flat:
@@ -513,13 +501,13 @@ class _Meshes:
         if uvs:
             if scene.corner_tangent is not None:
                 sent = replace(sent, corner_tangent=self._fetched_tangents(scene.corner_tangent, fetched, rows))
-            return SentMesh(scene=sent, surface=surface, source_face=rows, source_on_mesh=surface, carries=True)
+            return SentMesh(scene=sent, surface=surface, source_face=rows, source_on_mesh=SourceSurface(surface), carries=True)
         places = draw_onto(self.source, self.group, mesh, group, self.choice.price.threads)
         cube = finer_cube(surface.cube)
         drawn = replace(self.usual, cube=cube, lattice=cube.to_lattice(places.mesh.positions), faces=places.mesh.faces)
         return SentMesh(scene=sent, surface=surface, source_face=rows, source_on_mesh=drawn, corner_places=places)
 
-    def _fetched_tangents(self, tangent, fetched, rows):
+    def _fetched_tangents(self, tangent: np.ndarray, fetched: FetchedNormals, rows: SourceFaces) -> np.ndarray:
         """Return the scene's tangents, float32 [F, 3, 4], at the corners of another mesh. Each face keeps its own side of the
         image."""
         way = fetched.of(np.ascontiguousarray(tangent[self.usual.origin_face][..., :3]))
@@ -533,12 +521,6 @@ class _Meshes:
     @cached_property
     def _points(self) -> NearestPoints:
         return NearestPoints(self.source)
-
-
-def _is_coarser(place, other):
-    """Return whether a place in shares and bits loses at least the thin parts that another does: it has fewer faces, or fewer
-    bits of all faces."""
-    return place[0] >= other[0] and (other[0] > 0 or place[1] <= other[1])
 
 
 def _count_used(surface):

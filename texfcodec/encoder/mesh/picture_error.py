@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...render.camera import Camera
     from ...scene.scene import Scene
+    from ..faces import SentSurface, SourceFaces, SourceSurface
 
 VIEWS, SIZE = 16, 256
 LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that covers it
@@ -81,7 +82,7 @@ class PictureComparison:
     alone, in close-up. usual: the scene on its lattice; shown: squared error of pictures by a squared radian of its shading
     normals."""
 
-    def __init__(self, scene: Scene, usual: Surface, shown: float, threads: int) -> None:
+    def __init__(self, scene: Scene, usual: SourceSurface, shown: float, threads: int) -> None:
         self.shown, self.threads = shown, threads
         self.scene = replace(scene, materials=[replace(m, double_sided=False) for m in scene.materials])
         self.lit = not all(material.unlit for material in scene.materials)
@@ -109,26 +110,27 @@ class PictureComparison:
         first = pictures(cameras[0])  # makes what all share, tangents for one, which two threads would make twice
         return list(zip(first, *in_order(pictures, cameras[1:], self.threads), strict=True))
 
-    def of(self, drawn: Surface, normals: np.ndarray) -> PictureError:
+    def of(self, drawn: SourceSurface, normals: np.ndarray) -> PictureError:
         """Return the PictureError of the source on another surface. drawn: faces of the source in their new places; normals: at
         their corners by normals_of() that surface, float32 [F, 3, 3]. Pictures keep the file's normals, and the error of the new
         normals is added. Halving a distance about halves the error, as the pixels lie along lines."""
         faces = np.zeros_like(self.scene.faces)  # of those that are not there no pixel is seen
         faces[drawn.origin_face] = drawn.faces
         scene = replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces)
-        return self._moved(lambda shot: self._pictures(scene, shot.cameras, shot.faces), drawn, normals, self._normals_at(drawn))
+        wanted = None if self.scene.corner_normal is None or not self.lit else self.normals[drawn.origin_face]
+        return self._moved(lambda shot: self._pictures(scene, shot.cameras, shot.faces), drawn, normals, wanted)
 
-    def of_mesh(self, scene: Scene, surface: Surface, normals: np.ndarray, wanted: np.ndarray | None,
-                rows: np.ndarray) -> PictureError:
+    def of_mesh(self, scene: Scene, surface: SentSurface, normals: np.ndarray, wanted: np.ndarray | None,
+                faces: SourceFaces) -> PictureError:
         """Return the PictureError of a Scene with the source's materials and textures, but faces, UVs and normals of its own.
         surface: the scene on its lattice; normals: at its corners by normals_of(surface); wanted: the correct ones, both float32
-        [F, 3, 3]; rows: int64 [F], source face of each face."""
+        [F, 3, 3]; faces: [F], that each face was simplified from."""
         scene = replace(scene, materials=self.scene.materials)
         source = self._source._replace(face_material=np.ascontiguousarray(scene.face_material, np.int64),
                                        corner_uv=np.ascontiguousarray(scene.corner_uv, np.float64))
 
         def pictures(shot):
-            return self._pictures(scene, shot.cameras, None if shot.faces is None else shot.faces[rows], source)
+            return self._pictures(scene, shot.cameras, None if shot.faces is None else shot.faces[faces], source)
 
         return self._moved(pictures, surface, normals, wanted)
 
@@ -150,11 +152,6 @@ class PictureComparison:
             return False
         apart = [np.square(self._of_source(rule) - self.scene.corner_normal).sum() for rule in (FLAT, SMOOTH)]
         return bool(apart[0] < apart[1])
-
-    def _normals_at(self, drawn):
-        """Return normals that follow from the source's positions, at the corners of its faces on another surface, float64 [F, 3,
-        3]; None if the file has no normals or no material is lit."""
-        return None if self.scene.corner_normal is None or not self.lit else self.normals[drawn.origin_face]
 
     @cached_property
     def normals(self) -> np.ndarray:

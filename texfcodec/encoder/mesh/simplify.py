@@ -84,7 +84,7 @@ class Simplification:
 def simplify(source: Mesh, lines: np.ndarray | None = None, fixed: np.ndarray | None = None) -> Simplification:
     """Collapse edges of a mesh until no allowed edge is left.
 
-    lines: int64 [L, 2], edges that are kept as lines beside the borders (see crease_edges.py); fixed: bool [V], vertices that
+    lines: int64 [L, 2], edges that are kept as lines beside the borders (see topology.py); fixed: bool [V], vertices that
     stay in place. Only vertex numbers connect faces: equal positions have to be welded before. Ends and crossings of lines, edges
     of more than two faces and vertices at which fans of faces meet stay. Faces with two equal corners are left out.
 

@@ -39,17 +39,12 @@ def corner_appearance(scene: Scene, picked: np.ndarray) -> np.ndarray:
     return _numbered(columns).reshape(-1, 3)
 
 
-def _coincident(faces):
-    """Return (number of the set of corners of every face, int64 [F]; whether another face has the same set, bool [F])."""
-    number = _numbered(list(np.sort(faces, axis=1).T))
-    return number, (np.bincount(number) > 1)[number]
-
-
 def layered_components(faces: np.ndarray, component: np.ndarray, material: np.ndarray, materials: list[Material]) -> np.ndarray:
     """Return components that may hold layers, bool by component: those with coincident faces, and those in which materials meet
     of which at least one is not opaque. faces: int64 [F, 3] over welded vertices; component, material: int64 [F]."""
     count = int(component.max()) + 1
-    out = np.bincount(component, _coincident(faces)[1], count) > MIN_FOLD * np.bincount(component, minlength=count)
+    corners = _numbered(list(np.sort(faces, axis=1).T))
+    out = np.bincount(component, (np.bincount(corners) > 1)[corners], count) > MIN_FOLD * np.bincount(component, minlength=count)
     clear = np.array([m.alpha_mode != ALPHA_OPAQUE for m in materials], bool)[material]
     if clear.any():
         least, most = np.full(count, len(materials)), np.full(count, -1)

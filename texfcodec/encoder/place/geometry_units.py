@@ -14,8 +14,8 @@ from ...geometry.geometry_unit import GeometryUnit
 from ...report import Step, no_step
 
 if TYPE_CHECKING:
-    from ...geometry.surface import Surface
-    from ..supports.texel_plan import TexelPlan
+    from ..faces import SentSurface
+    from ..supports.texel_plan import SentPlan
 
 
 def geometry_bytes(geometry: list[dict]) -> int:
@@ -23,7 +23,7 @@ def geometry_bytes(geometry: list[dict]) -> int:
     return sum(len(unit["draco_data"]) for unit in geometry)
 
 
-def code_geometry(surface: Surface, face_field: np.ndarray, plans: dict[int, TexelPlan],
+def code_geometry(surface: SentSurface, face_field: np.ndarray, plans: dict[int, SentPlan],
                   step: Step = no_step) -> tuple[list[dict], list[GeometryUnit]]:
     """Code one Draco unit per field and material. Return (syntax values, decoded GeometryUnits). plans: TexelPlan by field
     number."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +12,6 @@ from ..mesh.small_parts import small_parts
 from ..prepare.uniform_colour import is_uniform
 from ..supports.probe import VOXEL_CELL
 from ..supports.trial import Trials
-
-if TYPE_CHECKING:
-    from ...geometry.surface import Surface
-    from ...scene.scene import Scene
 
 MOST_PART_VOXELS = 1 << 22  # of one part
 
@@ -30,21 +25,20 @@ class PartFields:
     own: dict[int, tuple[int, int]]
 
 
-def choose_part_fields(scene: Scene, surface: Surface, face_field: np.ndarray, colours: np.ndarray,
-                       trials: Trials) -> Decision[PartFields]:
+def choose_part_fields(face_field: np.ndarray, colours: np.ndarray, trials: Trials) -> Decision[PartFields]:
     """Give a small part over voxels a field of its own if the common K breaks the rate's promise there. Its K is the common one
     doubled until the promise is kept, or up to the limits. face_field: int64 [F]; colours: of material_colours()."""
     own: dict[int, tuple[int, int]] = {}
-    price = trials.price
+    price, surface = trials.price, trials.surface
     is_open = price.coder is not None and price.is_free and price.has_promise and price.max_error is None
     if not is_open or not (face_field >= 0).any():
         return Decision(PartFields(face_field, own), {})
     face_field = face_field.copy()
     for part in small_parts(surface):
         faces = np.flatnonzero(part & (face_field >= 0))
-        if not len(faces) or is_uniform(scene, colours, surface.material[faces]):
+        if not len(faces) or is_uniform(trials.materials, colours, surface.material[faces]):
             continue
-        chosen = _finer(scene, surface, faces, trials)
+        chosen = _finer(faces, trials)
         if chosen is not None:
             number = int(face_field.max()) + 1
             face_field[faces], own[number] = number, chosen
@@ -55,9 +49,9 @@ def choose_part_fields(scene: Scene, surface: Surface, face_field: np.ndarray, c
     return Decision(PartFields(face_field, own), {"parts": rows} if own else {})
 
 
-def _finer(scene, surface, faces, trials):
+def _finer(faces, trials):
     """Return (K, QP offset) of a part's own field, None if the common K keeps the promise."""
-    region = trials.region(scene, surface, faces)
+    region = trials.region(faces)
     if region is None or trials.keeps_promise(trials.voxels(region, trials.price.resolution, VOXEL_CELL), region):
         return None
     chosen, k = None, 2 * trials.price.resolution

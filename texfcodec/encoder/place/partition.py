@@ -6,20 +6,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.colour_error import decibels
+from ...core.colour_error import ColourError, decibels
 from ...core.json_text import json_ready
-from ...geometry.areas import face_areas
+from ...field.grid import build_brick_map
+from ...field.query import query_field
+from ...field.transfer import transfer
+from ...field.voxelise import voxelise
+from ...geometry.areas import face_areas, sample_surface
 from ...geometry.edges import face_components
+from ...metrics.parts import alpha_mse
 from ...report import Step, no_step
+from ...scene.channels import needs_alpha
+from ...scene.fetch import pack_source, sample_source
+from ..caches import Cache
 from ..decision import Decision
 from ..prepare.uniform_colour import uniform_colour
 from .coincident_layers import part_layers
 from .contacts import MAX_FIELDS, colour_pieces, find_contacts, folding_components
-from .partition_error import codes_alpha, uncoded_errors
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
-    from ...scene.scene import Scene
+    from ...scene.scene import Material, Scene
     from ..price import Lagrangian
 
 FIELD_BYTES = 300  # of a further field: about 150 of its own, and as many for 0.1 to 0.4 % more voxels
@@ -27,21 +34,57 @@ SURE_TIMES = 6.0  # what fields cost that half the resolution settles the questi
 SHOWN_GAIN = 0.15  # dB of alpha at the coded quality from which its mixing is worth a warning
 MANY_FIELDS = 256  # more than a stream may have: what alpha would be like without that bound
 MOST_CANDIDATES = 4  # that _candidates() yields
+TRIAL_SAMPLES = 1 << 17
+
+
+def uncoded_errors(scene: Scene, surface: Surface, face_field: np.ndarray, resolution: int, area_threshold: int,
+                   threads: int) -> dict[str, float]:
+    """Return mean squared errors {"y", "alpha"} of the uncoded fields against the source at TRIAL_SAMPLES surface points; "alpha"
+    only if alpha is coded.
+
+    surface: encoder's Surface; face_field: int64 [F], numbered from 0 without gaps.
+    """
+    bits = surface.cube.position_bits
+    face, bary = sample_surface(surface.lattice.astype(np.float64), surface.faces, TRIAL_SAMPLES)
+    source = pack_source(scene, surface.origin_face)
+    reference = sample_source(source, face, bary, threads)
+    points = np.einsum("nc,ncd->nd", bary, surface.lattice[surface.faces[face]]) * (resolution / (1 << bits))
+    planes = 4 if codes_alpha(scene.materials, surface) else 3
+    got = np.zeros((len(points), planes), np.float32)
+    for number in range(int(face_field.max()) + 1):
+        in_field = face_field == number
+        keys, _ = voxelise(surface.lattice, surface.faces[in_field], bits, resolution, area_threshold, threads)
+        sampled = np.flatnonzero(in_field[face])
+        if len(keys) and len(sampled):
+            brick_map = build_brick_map(keys)
+            part = pack_source(scene, surface.origin_face[in_field])
+            colour, alpha = transfer(surface.lattice, surface.faces[in_field], part, bits, resolution, keys, brick_map, 1,
+                                     threads)
+            values = colour if planes == 3 else np.column_stack([colour, alpha.astype(np.float32)])
+            got[sampled] = query_field(points[sampled], resolution, keys, brick_map, values, threads)[0]
+    error = ColourError()
+    error.add(reference[:, :3], got[:, :3], np.maximum(reference[:, 3], 1) / 255)
+    out = {"y": error.mse()["y"]}
+    if planes == 4:
+        out["alpha"] = alpha_mse(reference[:, 3], got[:, 3], surface.material[face], scene.materials)
+    return out
+
+
+def codes_alpha(materials: list[Material], surface: Surface) -> bool:
+    """Return whether a material in use is not opaque, so that the stream has a plane of alpha."""
+    return needs_alpha([materials[m] for m in np.unique(surface.material)])
 
 
 class _Trials:
     """Comparison of partitions of one surface; measured errors are kept."""
 
     def __init__(self, scene, surface, price):
-        self.scene, self.surface, self.price, self.measured = scene, surface, price, {}
+        self.scene, self.surface, self.price, self.measured = scene, surface, price, Cache()
         self.quick = max(price.resolution // 2, 1)
 
     def _errors(self, face_field, resolution):
-        key = (face_field.tobytes(), resolution)
-        if key not in self.measured:
-            self.measured[key] = uncoded_errors(self.scene, self.surface, face_field, resolution, self.price.area_threshold,
-                                                self.price.threads)
-        return self.measured[key]
+        return self.measured.get((face_field.tobytes(), resolution), lambda: uncoded_errors(
+            self.scene, self.surface, face_field, resolution, self.price.area_threshold, self.price.threads))
 
     def _gains(self, base, candidate, resolution):
         """Return (bytes that the smaller error of a candidate is worth, dB of each channel at the coded quality, a row for the
@@ -94,7 +137,7 @@ def choose_fields(scene: Scene, surface: Surface, colours: np.ndarray, price: La
     """Return the Decision on the field number of every face, int64 [F]. Tries components, then also cuts at folds, then layers;
     takes each that pays. Warns if surfaces of different alpha stay in one field. colours: of material_colours; partition: as of
     EncodeOptions; step: of Report.stage()."""
-    best, off, alpha = np.zeros(len(surface.faces), np.int64), partition == "off", codes_alpha(scene, surface)
+    best, off, alpha = np.zeros(len(surface.faces), np.int64), partition == "off", codes_alpha(scene.materials, surface)
     reason = _reason_for_one(surface, colours, off, alpha)
     if reason:
         return Decision(best, {"fields": 1, "reason": reason})

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...geometry.areas import face_areas
+from ..supports.image_groups import textures_of
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
@@ -24,12 +25,12 @@ FINEST = 16.0  # texels along an edge of a voxel; beyond, an image is shrunk by 
 def prefilter_textures(scene: Scene, surface: Surface, over_voxels: np.ndarray, resolution: int) -> Scene:
     """Return the scene with images of at most FINEST texels along a voxel's edge. over_voxels: bool [F], faces of the surface
     that go into voxels; images that any other face shows stay unchanged."""
-    kept = {t for m in np.unique(surface.material[~over_voxels]) for t in _textures_of(scene.materials[m]).values()}
+    kept = {t for m in np.unique(surface.material[~over_voxels]) for t in textures_of(scene.materials[m]).values()}
     times: dict[int, float] = {}
     for number in np.unique(surface.material[over_voxels]):
         faces = np.flatnonzero(over_voxels & (surface.material == number))
         area = face_areas(surface.lattice, surface.faces[faces]).sum() * (resolution / (1 << surface.cube.position_bits)) ** 2
-        for name, texture in _textures_of(scene.materials[number]).items():
+        for name, texture in textures_of(scene.materials[number]).items():
             texels = _texels(scene, name, texture, surface.origin_face[faces])
             finer = float(np.sqrt(texels / max(area, 1e-9))) / FINEST
             times[texture] = min(finer, times.get(texture, np.inf))
@@ -46,11 +47,6 @@ def _texels(scene, name, texture, rows):
         (ax, ay), (bx, by) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
         texels = np.abs(ax * by - ay * bx) / 2 * width * height
     return min(float(texels[np.isfinite(texels)].sum()), MOST_TEXELS)
-
-
-def _textures_of(material):
-    """Return textures of a material by channel name, "" for the base colour."""
-    return {name: t for name, t in {"": material.texture, **material.maps}.items() if t >= 0}
 
 
 def _shrunk(texture, times):

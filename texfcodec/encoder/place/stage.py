@@ -12,11 +12,11 @@ from ...geometry.geometry_unit import field_surface, field_uv
 from ...scene.channels import channel_over
 from ..stages import Placed
 from ..supports.texel_plan import texel_field
-from ..values.map_planes import groups_of, names_of_field
+from ..values.map_planes import groups_of, map_names
 from ..values.shown_maps import ShownMaps
 from ..values.source_field import active_voxels, check_voxels
 from .geometry_units import code_geometry, geometry_bytes
-from .partition_error import codes_alpha
+from .partition import codes_alpha
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ...report import Report
     from ...scene.scene import Scene
     from ..stages import Meshed, Shaded
-    from ..supports.texel_plan import TexelPlan
+    from ..supports.texel_plan import SentPlan
     from ..values.source_field import SourceField
 
 
@@ -49,9 +49,10 @@ def place(shaded: Shaded, budget: int | None, report: Report) -> Placed:
         raise OverBudget(geometry_bytes(geometry))
     shown, surface = sent.shown(meshed.shown), sent.surface
     surfaces = [field_surface(units, number) for number in range(first + len(shaded.plans))]
-    names = [names_of_field(shown, surface, sent_field == number) for number in range(len(surfaces))]
+    used = [np.unique(surface.material[sent_field == number]) for number in range(len(surfaces))]
+    names = [map_names(shown.materials[m] for m in own) for own in used]
     present = {channel_over(name, number >= first).name for number, own in enumerate(names) for name in own}
-    groups = groups_of(present, codes_alpha(shown, surface))
+    groups = groups_of(present, codes_alpha(shown.materials, surface))
     normals = lambda: sent.at_corners(shaded.shading.corner_normals(surface))
     maps = ShownMaps(shown, sent.source_on_mesh, normals) if present else None
     source = Source(shown, sent.source_on_mesh, drawn_field, surfaces, groups, maps, _on_pictures)
@@ -60,7 +61,7 @@ def place(shaded: Shaded, budget: int | None, report: Report) -> Placed:
     return Placed(shaded=shaded, geometry=geometry, source=source, fields=fields, names=names[:first])
 
 
-def _field_numbers(meshed: Meshed, plans: list[TexelPlan], first: int) -> tuple[np.ndarray, np.ndarray]:
+def _field_numbers(meshed: Meshed, plans: list[SentPlan], first: int) -> tuple[np.ndarray, np.ndarray]:
     """Return field numbers, int64, of the faces of the sent mesh, and of the source's faces on it; TexelPlans are numbered from
     `first` on."""
     sent = meshed.mesh.value

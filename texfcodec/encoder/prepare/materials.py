@@ -21,6 +21,7 @@ from ...scene.effects import BY_NAME as EFFECT_BY_NAME
 from ...scene.effects import EFFECT_OF, EFFECTS, without
 from ...scene.factors import TOLERANCE, absorb, says_nothing
 from ...scene.scene import ALPHA_OPAQUE, Material, Scene
+from ..caches import Cache
 from ..decision import Decision
 
 if TYPE_CHECKING:
@@ -100,12 +101,8 @@ def _needed(material, number, usage, is_all):
             rows.append(_Row(name, "coded", VARIES if value is None else "the value is constant, but no parameter can hold it"))
         else:
             decision = "absent" if says_nothing(BY_NAME[name], value) else "constant"
-            rows.append(_Row(name, decision, _constant_reason(value)))
+            rows.append(_Row(name, decision, f"the surface shows only {', '.join(str(round(float(v))) for v in value)}"))
     return replace(material, maps=maps, parameters=parameters), rows
-
-
-def _constant_reason(value):
-    return f"the surface shows only {', '.join(str(round(float(v))) for v in value)}"
 
 
 def _unwanted(material, wanted):
@@ -147,7 +144,7 @@ class _TexelUsage:
 
     def __init__(self, scene: Scene, surface: Surface) -> None:
         self.scene, self.surface = scene, surface
-        self._shown: dict[tuple, np.ndarray | None] = {}
+        self._shown = Cache()
 
     def constant(self, number: int, name: str) -> np.ndarray | None:
         """Return the constant value of a map on the surface of material `number`, float64 [C] in 0..255, or None if it varies."""
@@ -188,9 +185,7 @@ class _TexelUsage:
     def _texels(self, number, corner_uv, texture):
         """Return (column, row) of the texels that the faces of a material show, int64 [N, 2]; None if that takes too long."""
         key = (number, id(corner_uv), texture.image.shape[:2], tuple(texture.wrap))
-        if key not in self._shown:
-            self._shown[key] = shown_texels(corner_uv[self._faces(number)], texture)
-        return self._shown[key]
+        return self._shown.get(key, lambda: shown_texels(corner_uv[self._faces(number)], texture))
 
 
 def shown_texels(uv: np.ndarray, texture: Texture, fraction_bits: int = 0) -> np.ndarray | None:

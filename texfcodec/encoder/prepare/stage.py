@@ -5,17 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ...geometry.canonical import MAX_BITS
+from ...geometry.surface import make_surface
+from ..faces import SourceSurface
 from ..stages import Prepared
 from .channel_weights import measured_weights
 from .materials import needed_scene
-from .reference_lattice import reference_surface
 from .uniform_colour import material_colours
 
 if TYPE_CHECKING:
     from ...limits import Limits
-    from ...options import EncodeOptions
     from ...report import Report
     from ...scene.scene import Scene
+
+CELLS = 10  # along the longest side of a scene, in which faces are counted
+FEWEST, MOST_LEFT_OUT = 12, 0.5  # faces that a cell has to lose, and share of its faces, from which on the lattice is too coarse
+BITS_A_STEP = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,14 +38,6 @@ class PrepareRequest:
     rate_is_free: bool
     threads: int
 
-    @classmethod
-    def of(cls, options: EncodeOptions) -> PrepareRequest:
-        """Return the part of a request that the stage depends on."""
-        assert options.position_bits is not None  # its __post_init__ fills it in
-        return cls(position_bits=options.position_bits, position_bits_are_free=options.position_bits_are_free,
-                   limits=options.limits, allow_empty=options.allow_empty, effects=options.effects,
-                   measures_weights=options.effort != "fast", rate_is_free=options.rate_is_free, threads=options.threads)
-
 
 def prepare(scene: Scene, request: PrepareRequest, report: Report) -> Prepared:
     """Return the Prepared of a scene. Raises InputError, LimitError."""
@@ -53,3 +52,27 @@ def prepare(scene: Scene, request: PrepareRequest, report: Report) -> Prepared:
         colours = material_colours(needed, surface)
     return Prepared(scene=needed, materials=needs.value.materials, surface=surface, colours=colours,
                     evidence={"effects": needs.evidence})
+
+
+def reference_surface(scene: Scene, request: PrepareRequest) -> SourceSurface:
+    """Return the scene on its lattice at the requested position bits, or at more if the encoder may choose them and a statue
+    beside a large ground would collapse. Raises InputError and LimitError as make_surface()."""
+    surface = make_surface(scene, request)
+    while request.position_bits_are_free and surface.cube.position_bits < MAX_BITS and _loses_a_part(scene, surface):
+        bits = min(surface.cube.position_bits + BITS_A_STEP, MAX_BITS)
+        surface = make_surface(scene, replace(request, position_bits=bits))
+    return SourceSurface(surface)
+
+
+def _loses_a_part(scene, surface):
+    """Returns whether the lattice removes half of the faces in some cell of the scene."""
+    left = np.ones(len(scene.faces), bool)
+    left[surface.origin_face] = False
+    a, b, c = scene.faces.T
+    left &= (a != b) & (b != c) & (c != a)
+    if left.sum() < FEWEST or not surface.cube.side:
+        return False
+    middle = scene.positions[scene.faces].mean(axis=1) - surface.cube.origin
+    place = np.clip(np.floor(middle / surface.cube.side * CELLS), 0, CELLS - 1).astype(np.int64) @ (1, CELLS, CELLS**2)
+    lost, all_there = np.bincount(place[left], minlength=CELLS**3), np.bincount(place, minlength=CELLS**3)
+    return bool(((lost >= FEWEST) & (lost > MOST_LEFT_OUT * all_there)).any())

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...scene.fetch import pack_source, sample_source
-from ...scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_REPEAT
+from ...scene.fetch import pack_source, sample_source, wrapped
+from ...scene.scene import ALPHA_OPAQUE
 from .materials import shown_texels
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
-    from ...scene.scene import Scene
+    from ...scene.scene import Material, Scene
 
 EXACT_UV_BITS = 4  # below the texel, when every colour that a face shows has to be seen
 NOTHING_TO_PROBE = "the surface has one colour, so there is nothing to choose"
@@ -46,9 +46,9 @@ def uniform_colour(colours: np.ndarray, materials: np.ndarray) -> np.ndarray | N
     return shown[0] if len(shown) and (shown == shown[0]).all() else None
 
 
-def is_uniform(scene: Scene, colours: np.ndarray, materials: np.ndarray) -> bool:
-    """Return whether faces of these materials show a single colour and no maps. Arguments as for uniform_colour."""
-    return uniform_colour(colours, materials) is not None and not any(scene.materials[m].maps for m in np.unique(materials))
+def is_uniform(materials: list[Material], colours: np.ndarray, numbers: np.ndarray) -> bool:
+    """Return whether faces of some materials, int64 [F], show a single colour and no maps. colours: of material_colours()."""
+    return uniform_colour(colours, numbers) is not None and not any(materials[m].maps for m in np.unique(numbers))
 
 
 def _is_flat(scene, surface, number):
@@ -86,14 +86,6 @@ def _texels_at_corners(uv, texture):
     image = texture.image
     if not (np.abs(uv) < 1e6).all():
         return np.array([[0] * 4, [255] * 4], np.uint8)
-    x, y = (_wrapped(np.floor(uv[..., axis].reshape(-1) * size).astype(np.int64), size, mode)
+    x, y = (wrapped(np.floor(uv[..., axis].reshape(-1) * size).astype(np.int64), size, mode)
             for axis, size, mode in ((0, image.shape[1], texture.wrap[0]), (1, image.shape[0], texture.wrap[1])))
     return image[y, x]
-
-
-def _wrapped(place, size, mode):
-    if mode == WRAP_CLAMP:
-        return np.clip(place, 0, size - 1)
-    if mode == WRAP_REPEAT:
-        return place % size
-    return np.minimum(place % (2 * size), 2 * size - 1 - place % (2 * size))

@@ -15,24 +15,25 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...field.texel_set import referenced_texels
+from ...field.texel_set import referenced_texels, shown_area
 from ...geometry.areas import face_areas
 from ...geometry.tangents import corner_tangents
 from ...render.tangent_frames import tangent_space_normals
-from ...scene.channels import BY_NAME, NORMAL_MAPS
-from ...scene.factors import factor_of
-from ...scene.fetch import values_of_map
+from ...scene.channels import NORMAL_MAPS
+from ...scene.factors import FLAT
+from ...scene.fetch import values_of_map, wrapped
 from ..decision import Decision
+from ..faces import SentFaces
 from ..prepare.channel_weights import shown_of_radians
-from ..supports.texel_plan import TexelPlan, wrapped
+from ..supports.texel_means import texel_means
+from ..supports.texel_plan import SentPlan
 from ..values.shown_maps import NORMAL, Frames, frame_rotation
 from .normal_rules import ENOUGH, POINTS, quantiles, tolerance_of
-from .rotated_normal_map import mean_matrices, rotate_normal_map
 
 if TYPE_CHECKING:
-    from ...geometry.surface import Surface
     from ...scene.scene import Scene
     from ..caches import Cache
+    from ..faces import SentSurface
     from ..price import Lagrangian
     from .normal_rules import Shading
 
@@ -42,6 +43,7 @@ OFF = 0.05  # of a matrix between two frames, three degrees: faces from here on 
 FAR = 0.5  # of it: other hands, or turned by more than a fifth of a right angle: what cannot share texels with the others
 CLIP = 30.0  # degrees: what is further off looks no worse
 PARTS = 4  # of each edge of a face whose corners need different things
+FRACTION_BITS = 4  # of UVs under which texels are rotated; faces are divided into parts before
 CORNERS = np.eye(3)
 BLOCK = 1 << 16  # faces at a time
 LEAST_SHARE = 1e-4  # of the surface: fewer such faces are left alone
@@ -53,11 +55,11 @@ LEAST_GAIN, DECIBELS_A_DOUBLING = 0.02, 6.0
 @dataclass(frozen=True)
 class _Mapped:
     """Faces of a plan with a normal map, and frames of their corners, columns along u, along v and outwards, of the source and of
-    a decoder. faces: int64 [N] of the surface; uv: float64 [N, 3, 2], texels of the group's image; area: float64 [N]; source,
+    a decoder. faces: [N]; uv: float64 [N, 3, 2], texels of the group's image; area: float64 [N]; source,
     decoder: float32 [N, 3, 3, 3]."""
 
-    plan: TexelPlan
-    faces: np.ndarray
+    plan: SentPlan
+    faces: SentFaces
     uv: np.ndarray
     area: np.ndarray
     source: np.ndarray
@@ -78,16 +80,16 @@ class _Mapped:
         blocks = [self.between(slice(begin, begin + BLOCK)) for begin in range(0, len(self.faces), BLOCK)]
         return np.concatenate([np.sqrt(((block - np.eye(3)) ** 2).sum(axis=(2, 3))).max(axis=1) for block in blocks])
 
-    def in_two(self, apart: np.ndarray) -> list[TexelPlan]:
+    def in_two(self, apart: np.ndarray) -> list[SentPlan]:
         """Return two plans: of some faces, bool [N], and of the others, with the faces without a normal map."""
         group = self.plan.group
         chosen = np.isin(group.faces, self.faces[apart])
-        return [replace(self.plan, group=replace(group, faces=group.faces[part], uv=group.uv[part]))
+        return [replace(self.plan, group=replace(group, faces=SentFaces(group.faces[part]), uv=group.uv[part]))
                 for part in (~chosen, chosen) if part.any()]
 
 
-def fit_frames(scene: Scene, surface: Surface, shading: Shading, plans: list[TexelPlan], price: Lagrangian,
-               cache: Cache) -> Decision[list[TexelPlan]]:
+def fit_frames(scene: Scene, surface: SentSurface, shading: Shading, plans: list[SentPlan], price: Lagrangian,
+               cache: Cache) -> Decision[list[SentPlan]]:
     """Return the Decision on plans over texels whose normal maps suit the frames of a decoder, some of them in two if that pays.
     Its evidence has the remaining error of the normals that light sees, the maps themselves being exact.
 
@@ -101,12 +103,6 @@ def fit_frames(scene: Scene, surface: Surface, shading: Shading, plans: list[Tex
     bent = [fit for fit in fitted if fit.area]
     flat = [plan for fit in fitted for plan in fit.plans]
     return _judged(flat, bent, price.qp) if bent else Decision(flat, {})
-
-
-def _fitted(frames, plan, price):
-    """Return the _Fitted of a plan."""
-    mapped = _mapped(frames, plan)
-    return _Fitted([plan]) if mapped is None else _best(frames, mapped, price)
 
 
 class _FrameKey(NamedTuple):
@@ -123,15 +119,18 @@ class _Fitted:
     """The result of fitting a plan. errors: degrees at points float64 [M]; area: of the faces with a normal map; turned:
     texels."""
 
-    plans: list[TexelPlan]
+    plans: list[SentPlan]
     errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
     area: float = 0.0
     turned: int = 0
 
 
-def _best(frames, mapped, price):
+def _fitted(frames, plan, price):
     """Return the _Fitted of a plan: unchanged, with rotated texels, or in two, so that faces off their frame share texels with no
     others."""
+    mapped = _mapped(frames, plan)
+    if mapped is None:
+        return _Fitted([plan])
     best = _Fitted([mapped.plan], _errors(frames, [mapped], [mapped.plan]), float(mapped.area.sum()))
     shown = shown_of_radians(frames.scene.weights)
     error = lambda errors: shown * float((np.radians(np.minimum(errors, CLIP)) ** 2).mean())
@@ -221,18 +220,12 @@ def _errors_of(frames, mapped, plan, count):
     at = np.minimum(np.searchsorted(edges, (np.arange(count) + 0.5) / count * edges[-1]), len(edges) - 1)
     bary = np.random.default_rng(0).dirichlet(np.ones(3), count)
     faces = mapped.faces[at]
-    texel, scale = _bilinear(plan.group, NORMAL, np.einsum("nc,ncd->nd", bary, mapped.uv[at])), _scale(frames, NORMAL, faces)
+    texel, scale = _bilinear(plan.group, NORMAL, np.einsum("nc,ncd->nd", bary, mapped.uv[at])), frames.scale(NORMAL, faces)
     frame = np.einsum("nc,ncij->nij", bary, mapped.decoder[at]).astype(np.float32)
     hand = np.where(np.linalg.det(frame) < 0, np.float32(-1), np.float32(1))
     got = tangent_space_normals(texel, scale, frame[..., 2], np.column_stack([frame[..., 0], hand]), frames.geometric[faces])
     apart = np.linalg.norm(got.astype(np.float64) - frames.bent(NORMAL, faces, bary), axis=1)
     return np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0)))
-
-
-def _scale(frames, name, faces):
-    """Return the scale of a normal map on faces, float32 [N]."""
-    of_material = [factor_of(material.parameters, BY_NAME[name].parameter)[0] for material in frames.scene.materials]
-    return np.array(of_material, np.float32)[frames.surface.material[faces]]
 
 
 def _neighbours(place, size, wrap):
@@ -266,7 +259,7 @@ def _turned(frames, mapped):
         image = maps[name].copy()
         size = image.shape[1], image.shape[0]
         texels, matrices = mean_matrices(parts, others, np.array(size) / group.size, size, group.wrap)
-        scale = float(np.average(_scale(frames, name, mapped.faces[off]), weights=mapped.area[off]))
+        scale = float(np.average(frames.scale(name, mapped.faces[off]), weights=mapped.area[off]))
         flat = image.reshape(-1, image.shape[2])
         flat[texels, :3] = rotate_normal_map(values_of_map(name, flat[texels]), matrices, scale)
         maps[name], changed = image, changed + len(texels)
@@ -290,3 +283,59 @@ def _divided(mapped, faces):
     area = np.repeat(mapped.area[uneven] / len(parts), len(parts))
     return (np.concatenate([mapped.uv[even], uv]), np.concatenate([between[~bent], matrices]),
             np.concatenate([mapped.area[even], area]))
+
+
+def mean_matrices(off: tuple[np.ndarray, np.ndarray, np.ndarray], others: tuple[np.ndarray, np.ndarray], scale: np.ndarray,
+                  size: tuple[int, int], wrap: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the matrices for the texels that some faces show.
+
+    Parameters
+    ----------
+    off : (float64 [N, 3, 2], float64 [N, 3, 3, 3], float64 [N])
+        UVs of faces that need a rotation, the matrix of each of their corners, and their areas.
+    others : (float64 [M, 3, 2], float64 [M])
+        UVs and areas of the faces that need the unit matrix.
+    scale : float64 [2]
+        From UVs to texels of the image.
+    size, wrap : (int, int)
+        (width, height) of the image; its modes.
+
+    Returns
+    -------
+    (int64 [T], float64 [T, 3, 3])
+        Texels as flat indices into the image, and the mean, by area, of the matrices of all faces that show each; none if the
+        image repeats too often (texel_means).
+    """
+    steps = [np.floor(uv * (scale * (1 << FRACTION_BITS)) + 0.5).astype(np.int64) for uv in (off[0], others[0])]
+    means = texel_means(steps[0], off[1].reshape(-1, 3, 9), off[2], FRACTION_BITS, size, wrap)
+    corners = steps[1].reshape(-1, 2)
+    right = shown_area(corners, np.arange(len(corners)).reshape(-1, 3), FRACTION_BITS, size, wrap, others[1])
+    share = (means.area / (means.area + right.reshape(-1)[means.texel]))[:, None]
+    return means.texel, (share * means.mean + (1 - share) * np.eye(3).ravel()).reshape(-1, 3, 3)
+
+
+def rotate_normal_map(texels: np.ndarray, matrices: np.ndarray, scale: float) -> np.ndarray:
+    """Return tangent-space normals in other frames.
+
+    Parameters
+    ----------
+    texels : float32 [T, 2]
+        x and y, 0..255; z follows from length 1.
+    matrices : float64 [T, 3, 3]
+        From the old frame into the new.
+    scale : float
+        Of the map, glTF's normalTexture.scale, which stays.
+
+    Returns
+    -------
+    float64 [T, 3]
+        Whole numbers in 0..255, of length 1 as directions. A normal that would point inwards lies in the plane.
+    """
+    xy = texels.astype(np.float64) / FLAT - 1
+    normal = np.column_stack([scale * xy, np.sqrt(np.maximum(1 - (xy**2).sum(axis=1), 0.0))])
+    normal = np.einsum("nij,nj->ni", matrices, normal)
+    normal[:, 2] = np.maximum(normal[:, 2], 0.0)
+    normal[:, :2] /= scale or 1.0
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.where(length > 0, normal / np.where(length > 0, length, 1), [0.0, 0.0, 1.0])
+    return np.clip(np.rint((normal + 1) * FLAT), 0, 255)

@@ -26,8 +26,8 @@ from ..prepare.channel_weights import shown_of_radians
 from ..price import coding_mse
 
 if TYPE_CHECKING:
-    from ...geometry.surface import Surface
     from ...scene.scene import Scene
+    from ..faces import SentSurface
 
 ANGLES = (15, 30, 45, 60, 75, 90, 120, 180)
 CLOSER = (8, 4, 2, 1)  # degrees around the best of ANGLES
@@ -95,13 +95,13 @@ class Shading:
         coded = None if self.coded is None else (self.coded.step, self.coded.data)
         return tuple(self.rules), self.data, coded
 
-    def corner_normals(self, surface: Surface) -> np.ndarray:
+    def corner_normals(self, surface: SentSurface) -> np.ndarray:
         """Return a decoder's normals at the corners of a surface, float32 [F, 3, 3]."""
         coded = None if self.coded is None else (self.coded.groups, self.coded.normals)
         return corner_normals(surface.lattice, surface.faces, self.rules, surface.material, self.marks, coded)
 
 
-def choose_normals(scene: Scene, surface: Surface, qp: float = AT_QP, budget: int | None = None, attributes: float = 0.0,
+def choose_normals(scene: Scene, surface: SentSurface, qp: float = AT_QP, budget: int | None = None, attributes: float = 0.0,
                    step: Step = no_step) -> Decision[Shading]:
     """Return the Decision on the Shading of a scene on its lattice. Materials without light get the default rule. Warns if large
     errors remain. qp: of colours; budget: bytes of the whole stream, None without one; attributes: bytes that colours and maps

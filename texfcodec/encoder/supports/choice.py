@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...codecs import codec_of
 from ...core.threads import in_order
 from ...errors import LimitError
 from ...geometry.draco import split_corners
@@ -28,15 +27,14 @@ from ..values.unit_qp import has_few_colours
 from .image_groups import image_groups
 from .probe import TEXEL_CELL, VOXEL_CELL, TrialCoding
 from .reference_density import REFERENCE_K, reference_values, texels_shown
-from .texel_plan import TexelPlan, covered_texels, most_fraction_bits
+from .texel_plan import SourcePlan, TexelPlan, covered_texels, most_fraction_bits, rounding_errors
 from .trial import Trials
-from .uv_rounding import rounding_errors
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
-    from ...options import EncodeOptions
     from ...scene.scene import Scene
     from ..caches import Caches
+    from ..faces import LatticeFaces, SourceSurface
     from ..price import Lagrangian
     from ..stages import Prepared
     from .image_groups import ImageGroup
@@ -75,12 +73,6 @@ class SupportRequest:
     is_joint: bool
     finer: frozenset[int] = frozenset()
 
-    @classmethod
-    def of(cls, options: EncodeOptions, finer: frozenset[int] = frozenset()) -> SupportRequest:
-        """Return the part of a request that the choice depends on."""
-        return cls(support=options.support, texel_size=options.texel_size, rate_is_free=options.rate_is_free,
-                   mesh_is_free=options.mesh_is_free, is_joint=codec_of(options.codec).joint, finer=finer)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Supports:
@@ -90,7 +82,7 @@ class Supports:
     and maps are likely to take, 0 if nothing was tried; colour_mse: squared error of colours and alpha alone, without a weight in
     light, None if mse is."""
 
-    plans: list[TexelPlan]
+    plans: list[SourcePlan]
     resolution: int
     qp_offset: int
     values: float
@@ -117,7 +109,7 @@ class _Candidate:
     encode; voxels: the TrialCoding at K resolution; extra_bytes: additional cost over voxels, on the source's mesh; goes: whether
     it was chosen; evidence: for the report."""
 
-    plan: TexelPlan
+    plan: SourcePlan
     texels: TrialCoding
     finer: bool = False
     voxels: TrialCoding | None = None
@@ -164,11 +156,13 @@ def choose_supports(prepared: Prepared, price: Lagrangian, request: SupportReque
     scene, surface, colours = prepared.scene, prepared.surface, prepared.colours
     evidence: dict[str, Any] = {"asked": request.support, "groups": []}
     reason = reason_for_voxels(request)
-    if not reason and request.support != "texels" and is_uniform(scene, colours, surface.material):
+    if not reason and request.support != "texels" and is_uniform(scene.materials, colours, surface.material):
         reason, price = NOTHING_TO_PROBE, replace(price, resolution=_coarsest(price, request))
     may_be_texels = not reason and request.support != "voxels"
     groups = caches.images.get("groups", lambda: image_groups(scene, surface)) if may_be_texels else []
-    price = replace(price, values=_values_of(scene, surface, groups, colours))
+    rest = ~np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(group.faces for group in groups)]))
+    others = rest & (not is_uniform(scene.materials, colours, surface.material[rest]))
+    price = replace(price, values=reference_values(surface, groups, others))
     if reason:
         supports = Supports(plans=[], resolution=price.resolution, qp_offset=0, values=price.values)
         return (Decision(supports, evidence | {"reason": reason}),)
@@ -189,7 +183,7 @@ class _Choice:
     """The inputs of every step of the choice."""
 
     scene: Scene
-    surface: Surface
+    surface: SourceSurface
     price: Lagrangian
     request: SupportRequest
     caches: Caches
@@ -197,9 +191,9 @@ class _Choice:
     @property
     def trials(self) -> Trials:
         """Trial codings at the prices of the choice."""
-        return Trials(self.price, self.caches.regions)
+        return Trials(self.scene, self.surface, self.price, self.caches.regions)
 
-    def candidates(self, groups: list[ImageGroup], colours: np.ndarray, evidence: dict, step: Step) \
+    def candidates(self, groups: list[ImageGroup[LatticeFaces]], colours: np.ndarray, evidence: dict, step: Step) \
             -> tuple[Decision[Supports], ...]:
         """Choose for each image by itself, then K and position bits for all together. The promise of the rate is dropped if it
         would take more bytes than the source's files."""
@@ -234,7 +228,7 @@ class _Choice:
                "image": list(group.size)}
 
         def decided():
-            region = self.trials.region(self.scene, self.surface, group.faces, texels_shown(group))
+            region = self.trials.region(group.faces, texels_shown(group))
             return self._decided(self._candidate(group, row, region), region)
 
         key = _ImageKey(number, self.price.planes.signature, self.price.qp, self.price.has_promise, self._is_finer(row))
@@ -261,7 +255,7 @@ class _Choice:
         """Return whether a material of an image was too coarse in an earlier encode."""
         return bool(self.request.finer & set(row["materials"]))
 
-    def _candidate(self, group: ImageGroup, row: dict, region: SampleRegion | None) -> _Candidate:
+    def _candidate(self, group: ImageGroup[LatticeFaces], row: dict, region: SampleRegion | None) -> _Candidate:
         """Return the _Candidate of an image group, at the size and with the bits of UVs that cost the least. row: of the report,
         before any trial. Raises LimitError."""
         plan = _plan(group, self._coded_size(group))
@@ -288,17 +282,19 @@ class _Choice:
             return candidate.decided("texels", "the first result was worse than the rate promises")
         if region is None:
             return candidate.decided("voxels", "the surface has no area")
-        plain, textured = _geometry_bytes(candidate.plan, self.surface)
+        faces, bits = self.surface.faces[group.faces], self.surface.cube.position_bits
+        textured = draco_bytes(self.surface.lattice, faces, bits, candidate.plan.corner_uv())
         if not math.isfinite(textured):
             return candidate.decided("voxels", "Draco cannot hold its UVs")
         candidate = replace(candidate, texels=replace(candidate.texels, fixed=textured + UNIT_BYTES))
         texels = self._cost(candidate.texels, region)
-        resolution, tried = self._best_voxels(region, plain, CLEAR * texels)
+        resolution, tried = self._best_voxels(region, draco_bytes(self.surface.lattice, faces, bits), CLEAR * texels)
         candidate = replace(candidate, voxels=tried[resolution], resolution=resolution)
         voxels = self._cost(candidate.voxels, region)
         candidate = replace(candidate, extra_bytes=self._extra_bytes(candidate.voxels, candidate.texels, region, VOXEL_COST))
         row = self._rows(tried, resolution, region)[-1]
-        return candidate.decided("voxels" if candidate.extra_bytes < 0 else "texels", _reason(texels, voxels), voxels=row)
+        reason = f"texels cost {round(texels)} bytes and voxels {round(voxels)}, errors included"
+        return candidate.decided("voxels" if candidate.extra_bytes < 0 else "texels", reason, voxels=row)
 
     def _cost(self, probe, region):
         """Return the cost of a TrialCoding of a region, in bytes."""
@@ -370,7 +366,8 @@ class _Choice:
     def _best_voxels(self, region, fixed, most=np.inf):
         """Return (K, TrialCodings by K). The search goes down or up the ladder, from the K at which voxels have the rate's QP, as
         long as they cost less. fixed: bytes of the geometry; most: cost from which on no other K is tried."""
-        ladder, tried = self._ladder(region), {}
+        most_k = min(self.price.resolution, self._most_resolution(region))
+        ladder, tried = [k for k in LADDER if k <= most_k] or LADDER[:1], {}
         first = best = min(range(len(ladder)), key=lambda i: abs(self.price.qp_offset(region.voxels(ladder[i]), region.weight)))
 
         def cost(place):
@@ -383,11 +380,6 @@ class _Choice:
             while 0 <= best + step < len(ladder) and cost(best + step) < (FINER_COST if step > 0 else 1.0) * cost(best):
                 best += step
         return ladder[best], tried
-
-    def _ladder(self, region):
-        """Return the values of K that voxels of a region may have."""
-        most = min(self.price.resolution, self._most_resolution(region))
-        return [k for k in LADDER if k <= most] or LADDER[:1]
 
     def _most_resolution(self, region):
         """Return the finest K with no more than MOST_VOXELS of a region, roughly; at least LADDER's coarsest. A surface without
@@ -408,11 +400,11 @@ class _Choice:
         usual, free = self.price.resolution, self.request.rate_is_free
         chosen = [candidate.plan.group.faces for candidate in decided if candidate.goes]
         rest = ~np.isin(np.arange(len(self.surface.faces)), np.concatenate([[-1], *chosen]))
-        if free and rest.any() and is_uniform(self.scene, colours, self.surface.material[rest]):
+        if free and rest.any() and is_uniform(self.scene.materials, colours, self.surface.material[rest]):
             return _coarsest(self.price, self.request), None, {"reason": "the surface over voxels has one colour, so there is "
                                                                       "nothing to choose"}
         if self.request.finer & set(np.unique(self.surface.material[rest]).tolist()):
-            region = self.trials.region(self.scene, self.surface, np.flatnonzero(rest))
+            region = self.trials.region(np.flatnonzero(rest))
             return min(round(FINER_K * usual), MOST_RESOLUTION, self._most_resolution(region)), None, {}
         staying = [candidate for candidate in decided if not candidate.goes]
         alone = [candidate for candidate in staying if len(candidate.plan.group.faces) == rest.sum() and candidate.voxels]
@@ -420,17 +412,11 @@ class _Choice:
             return alone[0].resolution, alone[0].voxels, {}
         others = [candidate.plan.group for candidate in staying]
         texels = sum(map(texels_shown, others)) if sum(len(group.faces) for group in others) == rest.sum() else np.inf
-        region = self.trials.region(self.scene, self.surface, np.flatnonzero(rest), texels) if rest.any() and free else None
+        region = self.trials.region(np.flatnonzero(rest), texels) if rest.any() and free else None
         if region is None:
             return usual, None, {}
         resolution, tried = self._best_voxels(region, 0)
         return resolution, tried[resolution], {"voxels": self._rows(tried, resolution, region)}
-
-
-def _values_of(scene, surface, groups, colours):
-    """Return Lagrangian.values of a scene."""
-    rest = ~np.isin(np.arange(len(surface.faces)), np.concatenate([[-1], *(group.faces for group in groups)]))
-    return reference_values(surface, groups, rest & (not is_uniform(scene, colours, surface.material[rest])))
 
 
 def _plan(group, size):
@@ -441,22 +427,12 @@ def _with_bits(plan, bits):
     return replace(plan, fraction_bits=1 if plan.group.palette else min(bits, most_fraction_bits(plan.size, plan.group)))
 
 
-def _reason(texels, voxels):
-    return f"texels cost {round(texels)} bytes and voxels {round(voxels)}, errors included"
-
-
-def _geometry_bytes(plan, surface):
-    """Return (bytes of a group's geometry alone, bytes with its UVs), as one Draco unit."""
-    faces, bits = surface.faces[plan.group.faces], surface.cube.position_bits
-    return draco_bytes(surface.lattice, faces, bits), draco_bytes(surface.lattice, faces, bits, plan.corner_uv())
-
-
 def _coarsest(price, request):
     """Return K for a single colour."""
     return min(price.resolution, COARSEST_K) if request.rate_is_free else price.resolution
 
 
-def moved_plans(plans: list[TexelPlan], scene: Scene, surface: Surface) -> list[TexelPlan]:
+def moved_plans(plans: list[SourcePlan], scene: Scene, surface: SourceSurface) -> list[SourcePlan]:
     """Return the plans on another lattice, on which the same groups may have other faces."""
     out, groups = [], image_groups(scene, surface) if plans else []
     for plan in plans:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
@@ -15,12 +15,13 @@ from ...geometry.draco import MAX_UV_BITS
 from ...scene.fetch import CURVE_STEPS
 from ...scene.scene import ALPHA_OPAQUE, WRAP_CLAMP, WRAP_MIRROR
 from ...scene.srgb import linear_to_srgb, srgb_to_linear
+from ..faces import Faces
 from .resample import resampled
 from .texel_means import texel_means
 
 if TYPE_CHECKING:
-    from ...geometry.surface import Surface
-    from ...scene.scene import Scene
+    from ...scene.scene import Material, Scene
+    from ..faces import LatticeFaces, SourceSurface
 
 PAINT_BITS = 2  # of UVs where vertex colours go into texels
 FAR_BITS, FAR_WINDOW = 2, 1 << 16  # of UVs below the texel that far ones keep; texels around the median that are not far
@@ -28,14 +29,14 @@ MOST_SPREAD = 0.02  # of linear vertex colours within a texel, 0..1: more of it 
 
 
 @dataclass(frozen=True)
-class ImageGroup:
+class ImageGroup(Generic[Faces]):
     """Faces that share an image. faces: int64 [F] into the surface's; image: uint8 [H, W, 4]; wrap: (s, t); factor: float64 [4],
     linear; opaque: whether alpha counts as 255; uv: float64 [F, 3, 2] of their corners, in texels of the image; palette: whether
     it is one texel for each colour; nearest: whether its texels are squares of one colour (Texture.nearest); maps: uint8 [h, w,
     4] of further channels by name, with the same UVs, none larger; key: identity among groups; smaller: a cache of the image at
     other sizes, float32 [h, w, 4] by (width, height)."""
 
-    faces: np.ndarray
+    faces: Faces
     image: np.ndarray
     wrap: tuple[int, int]
     factor: np.ndarray
@@ -97,7 +98,7 @@ def brought_near(uv: np.ndarray, size: tuple[int, int], wrap: tuple[int, int]) -
     return out
 
 
-def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
+def image_groups(scene: Scene, surface: SourceSurface) -> list[ImageGroup[LatticeFaces]]:
     """Return the groups of a surface: faces with the same images (by content), wrap modes, factor and use of alpha; one group for
     the faces of a material with vertex colours, these in its texels; and one palette for the faces of materials without an image.
 
@@ -105,19 +106,19 @@ def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
     those with UVs that are not finite or too far out, and those whose images differ in UVs or wrap modes.
     """
     groups: dict[tuple, list[tuple]] = {}
-    painted: list[ImageGroup | None] = []
+    painted: list[ImageGroup[LatticeFaces] | None] = []
     plain = _plain_faces(scene, surface)
-    digests = _digests(scene.textures)
+    digests = [_digest(texture.image) for texture in scene.textures] if len(scene.textures) > 1 else [b""]  # one needs none
     for number in np.unique(surface.material):
         material, in_material = scene.materials[number], surface.material == number
-        faces, used = np.flatnonzero(plain & in_material), _textures_of(material)
+        faces, used = np.flatnonzero(plain & in_material), textures_of(material)
         if not used or not _goes_together(scene, surface, material, np.flatnonzero(in_material)):
             continue
         opaque = material.alpha_mode == ALPHA_OPAQUE
         image = scene.textures[material.texture].image if material.texture >= 0 else None
         sees_through = not opaque or image is None or image[..., 3].min() == 255
         key = (tuple((name, digests[t]) for name, t in sorted(used.items())), tuple(scene.textures[min(used.values())].wrap),
-               material.factor.tobytes(), not sees_through, _is_nearest(scene, material))
+               material.factor.tobytes(), not sees_through, material.texture >= 0 and scene.textures[material.texture].nearest)
         groups.setdefault(key, []).append((faces, material))
         if not plain[in_material].all():
             faces = np.flatnonzero(in_material & ~plain)
@@ -127,19 +128,14 @@ def image_groups(scene: Scene, surface: Surface) -> list[ImageGroup]:
     return [group for group in candidates if group is not None and len(group.faces)]
 
 
-def _is_nearest(scene, material):
-    """Return whether a material's base colour shows texels as squares."""
-    return material.texture >= 0 and scene.textures[material.texture].nearest
-
-
-def _textures_of(material):
+def textures_of(material: Material) -> dict[str, int]:
     """Return textures of a material by channel name, "" for the base colour."""
     return {**({"": material.texture} if material.texture >= 0 else {}), **material.maps}
 
 
 def _goes_together(scene, surface, material, faces):
     """Return whether the images of a material can be one field: none too large, the same wrap modes and UVs."""
-    textures = [scene.textures[t] for t in _textures_of(material).values()]
+    textures = [scene.textures[t] for t in textures_of(material).values()]
     if any(max(t.image.shape[:2]) > MAX_SIDE or tuple(t.wrap) != tuple(textures[0].wrap) for t in textures):
         return False
     rows = surface.origin_face[faces]
@@ -150,7 +146,7 @@ def _goes_together(scene, surface, material, faces):
 def _palette(scene, surface, plain):
     """Return the group of the faces that show a material's factor alone, each at the centre of its material's texel; None without
     any."""
-    flat = np.array([not _textures_of(m) for m in scene.materials], bool)
+    flat = np.array([not textures_of(m) for m in scene.materials], bool)
     faces = np.flatnonzero(plain & flat[surface.material])
     used, number = np.unique(surface.material[faces], return_inverse=True)
     if not 0 < len(used) <= MAX_SIDE:
@@ -220,13 +216,6 @@ def _plain_faces(scene, surface):
     if scene.corner_color is None:
         return np.ones(len(surface.faces), bool)
     return (scene.corner_color[surface.origin_face] == 1).all(axis=(1, 2))
-
-
-def _digests(textures):
-    """Return digests of the contents of images; a single image needs none."""
-    if len(textures) == 1:
-        return [b""]
-    return [_digest(t.image) for t in textures]
 
 
 def _digest(image):

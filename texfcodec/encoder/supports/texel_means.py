@@ -89,7 +89,8 @@ def texel_means(uv: np.ndarray, values: np.ndarray, area: np.ndarray, fraction_b
         Empty if the faces cover more than MOST_VISITS texels: an image that repeats so often has no use for means.
     """
     columns = values.shape[2]
-    texels = _areas(uv) / 4.0**fraction_bits
+    u, v = ((uv[:, corner] - uv[:, 0]).astype(np.float64) for corner in (1, 2))
+    texels = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2 / 4.0**fraction_bits
     if texels.sum() > MOST_VISITS:
         return TexelMeans(np.zeros(0, np.int64), np.zeros((0, columns)), np.zeros((0, columns)), np.zeros(0))
     faces = np.arange(3 * len(uv)).reshape(-1, 3)
@@ -104,9 +105,3 @@ def texel_means(uv: np.ndarray, values: np.ndarray, area: np.ndarray, fraction_b
     flat, total = flat[shown], total[shown]
     mean, square = np.split(total[:, :-1] / total[:, -1:], 2, axis=1)
     return TexelMeans(flat, mean, np.maximum(square - mean**2, 0.0), total[:, -1])
-
-
-def _areas(uv):
-    """Return areas of faces in squares of steps, float64 [N]."""
-    u, v = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    return np.abs(u[:, 0].astype(np.float64) * v[:, 1] - u[:, 1].astype(np.float64) * v[:, 0]) / 2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from ...field.texels import TexelSupport
 from ...geometry.areas import face_areas
 from ...geometry.draco import MAX_UV_BITS
 from ...scene.channels import BY_NAME
-from ...scene.fetch import values_of_map
-from ...scene.scene import WRAP_CLAMP, WRAP_REPEAT
+from ...scene.fetch import UV_OF_SOURCE, sample_source, values_of_map
+from ..faces import Faces, LatticeFaces, SentFaces
 from ..values.shown_maps import frame_rotation, rotate_xy
 from ..values.source_field import SourceField, colour_planes
 from .resample import resampled
@@ -25,17 +25,20 @@ if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...limits import Limits
     from .image_groups import ImageGroup
+    from .probe import SampleRegion
 
 MOST_FRACTION_BITS = 8
 FULL_BITS = 2  # of UVs where only the weights of texels are at stake
+EVERY = 4  # of a region's points, 16,384 of them
+NEGLIGIBLE = 0.02  # squared error from which on each bit is taken to leave a quarter
 
 
 @dataclass(frozen=True)
-class TexelPlan:
+class TexelPlan(Generic[Faces]):
     """A planned field over texels. group: ImageGroup; size: coded (width, height); fraction_bits: of its UVs; qp_offset: of its
     values, to the rate's QP."""
 
-    group: ImageGroup
+    group: ImageGroup[Faces]
     size: tuple[int, int]
     fraction_bits: int
     qp_offset: int = 0
@@ -86,6 +89,10 @@ class TexelPlan:
         return shown_area(steps, np.arange(len(steps)).reshape(-1, 3), FULL_BITS, size, group.wrap, area)
 
 
+SourcePlan = TexelPlan[LatticeFaces]  # of faces of a SourceSurface
+SentPlan = TexelPlan[SentFaces]  # of faces of the SentSurface
+
+
 def _stretched(values, size):
     """Return an image float32 [H, W, C] at a size that is larger on at least one side, bilinear."""
     from PIL import Image
@@ -93,15 +100,6 @@ def _stretched(values, size):
     parts = [Image.fromarray(np.ascontiguousarray(values[..., c])).resize(size, Image.Resampling.BILINEAR)
              for c in range(values.shape[2])]
     return np.stack([np.asarray(part) for part in parts], axis=-1)
-
-
-def wrapped(line: np.ndarray, size: int, mode: int) -> np.ndarray:
-    """Return columns or rows, int64 [N], of an image of `size` of them, by the wrap mode."""
-    if mode == WRAP_CLAMP:
-        return np.clip(line, 0, size - 1)
-    if mode == WRAP_REPEAT:
-        return line % size
-    return np.minimum(line % (2 * size), 2 * size - 1 - line % (2 * size))
 
 
 def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
@@ -114,6 +112,32 @@ def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
     return bits
 
 
+def rounding_errors(region: SampleRegion, plan: TexelPlan) -> np.ndarray:
+    """Return the squared error that rounded UVs add at surface points, the sum over channels, by number of bits: float64
+    [MOST_FRACTION_BITS + 1].
+
+    Neighbouring texels in the image say little about it: UVs of a palette lie at the centres of texels and never between them,
+    and half a texel further is another colour. So the image is sampled at points of the surface, with exact and with rounded UVs.
+    """
+    errors: list[float] = []
+    for bits in range(MOST_FRACTION_BITS + 1):
+        known = bool(errors) and errors[-1] <= NEGLIGIBLE
+        errors.append(errors[-1] / 4 if known else sum(_added(part, plan, bits) for part in (region, *region.maps.values())))
+    return np.array(errors)
+
+
+def _added(region, plan, bits):
+    """Return the mean squared error of a region's channel by UVs that are rounded to so many bits below the texel of the coded
+    size."""
+    texels = np.array(plan.size, np.float64) * (1 << bits)
+    rows = np.arange(0, len(region.face), EVERY)
+    exact = plan.group.uv / plan.group.size
+    source = list(region.source)
+    source[UV_OF_SOURCE] = np.ascontiguousarray(np.floor(exact * texels + 0.5) / texels)
+    got = sample_source(tuple(source), region.face[rows], region.bary[rows], region.threads)
+    return region.mse(rows, region.values(got))
+
+
 def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows: int | None, most: int | None) -> np.ndarray:
     """Return ascending keys int64 [N] of the texels that interpolation on a plan's surface weighs. uv: int64 [V, 2]; faces: int64
     [F, 3]. Raises LimitError for more rows or texels than these."""
@@ -123,7 +147,7 @@ def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows
     return referenced_texels(uv, faces, plan.fraction_bits, plan.size, plan.group.wrap, most)
 
 
-def texel_field(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, source: Source, limits: Limits, threads: int) -> SourceField:
+def texel_field(plan: SentPlan, uv: np.ndarray, faces: np.ndarray, source: Source, limits: Limits, threads: int) -> SourceField:
     """Return the SourceField of a plan over its decoded surface. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError."""
     keys = covered_texels(plan, uv, faces, limits.samples, limits.voxels)
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,

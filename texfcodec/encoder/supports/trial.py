@@ -17,7 +17,7 @@ from .reference_density import REFERENCE_K
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
-    from ...scene.scene import Scene
+    from ...scene.scene import Material, Scene
     from ..caches import Cache
     from .texel_plan import TexelPlan
 
@@ -36,23 +36,30 @@ class _RegionKey(NamedTuple):
 
 @dataclass(frozen=True)
 class Trials:
-    """Trial codings of samples of supports at the prices of one quality. regions: cache of SampleRegions."""
+    """Trial codings of samples of supports of one surface, at the prices of one quality. regions: cache of SampleRegions."""
 
+    scene: Scene
+    surface: Surface
     price: Lagrangian
     regions: Cache
+
+    @property
+    def materials(self) -> list[Material]:
+        """Materials of the scene."""
+        return self.scene.materials
 
     def keeps_promise(self, trial: TrialCoding, region: SampleRegion) -> bool:
         """Return whether base colour is as close as the QP promises, or short of that by at most MOST_SHORT."""
         return not self.price.has_promise or trial.colour <= self._worst(region, MOST_SHORT)
 
-    def region(self, scene: Scene, surface: Surface, faces: np.ndarray, texels: float = math.inf) -> SampleRegion | None:
+    def region(self, faces: np.ndarray, texels: float = math.inf) -> SampleRegion | None:
         """Return points of some faces, int64 [F], for comparing candidates; None if these have no area. texels: of the image
         there. Small but densely textured parts get extra weight, because viewers zoom in on them."""
-        if not face_areas(surface.lattice, surface.faces[faces]).any():
+        if not face_areas(self.surface.lattice, self.surface.faces[faces]).any():
             return None
 
         def sampled():
-            region = SampleRegion(scene, surface, faces, self.price.threads)
+            region = SampleRegion(self.scene, self.surface, faces, self.price.threads)
             region.weight = max(region.weight, min(region.voxels(REFERENCE_K), texels) / self.price.values)
             return region
 
@@ -77,7 +84,7 @@ class Trials:
 
     def _worst(self, region, short):
         """Return the squared error of base colour, with its weight, that is `short` dB short of the promise of the QP."""
-        weight = region.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight)
+        weight = self.scene.weights.get(BASE_COLOUR.name, BASE_COLOUR.weight)
         return weight * 10 ** (short / 10) * self.price.coding_mse
 
     def _settled(self, coded: Callable[[int], TrialCoding], region: SampleRegion, values: float) -> TrialCoding:

@@ -15,14 +15,13 @@ import numpy as np
 
 from ...bitstream.stream import Stream, attribute_variables
 from ...bitstream.values import attribute_values
-from ...codecs import codec_of
 from ...codecs.base import JointCodec, Source, split_groups
 from ...core.threads import in_order
 from ...geometry.areas import area_shares
 from ..decision import Decision
 from ..prepare.uniform_colour import uniform_colour
 from .map_planes import errors_of, joined, with_grey, with_maps
-from .refinement import Refine, refine_fields
+from .refinement import refine_fields
 from .source_field import SourceField, field_keys, transferred, uniform_field
 from .unit_qp import CodedUnit, choose_qp, image_budgets
 
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from ..caches import Cache
     from ..price import Lagrangian
     from ..stages import Filled, Placed
+    from .stage import FillRequest
 
 Planes = list[dict[str, np.ndarray]]  # by field, what a decoder gets, by channel name
 # Voxels and texels of all channel groups up to which these are coded side by side: beyond, memory adds up (a helmet's 15 million:
@@ -49,7 +49,7 @@ class Coding(ABC):
     """A way of coding values into a stream, with its preparations."""
 
     @abstractmethod
-    def content(self, placed: Placed, wanted: Refine, cache: Cache, report: Report) -> Decision[Content]:
+    def content(self, placed: Placed, wanted: FillRequest, cache: Cache, report: Report) -> Decision[Content]:
         """Return the Content of a placed mesh, with values of the source. wanted: refinement; cache: of transferred and fitted
         fields."""
 
@@ -61,7 +61,7 @@ class Coding(ABC):
 class PlaneCoding(Coding):
     """For codecs of planes: one attribute unit for each channel group of each field."""
 
-    def content(self, placed: Placed, wanted: Refine, cache: Cache, report: Report) -> Decision[Content]:
+    def content(self, placed: Placed, wanted: FillRequest, cache: Cache, report: Report) -> Decision[Content]:
         """See Coding.content: transfer from the textures, and refinement."""
         source, names, price = placed.source, placed.names, placed.shaded.meshed.price
         fields = list(placed.fields)
@@ -69,7 +69,8 @@ class PlaneCoding(Coding):
             with report.stage("transfer", (number, len(names))):
                 fields[number] = _values(placed, number, key, cache)
         warning = "anisotropy directions need UVs, which voxels do not have; only the strength is kept"
-        directed = any("anisotropy" in own or _is_anisotropic(source, number) for number, own in enumerate(names))
+        factors = [m.parameters.get("anisotropy", (0.0,))[0] for number in range(len(names)) for m in source.materials_of(number)]
+        directed = any("anisotropy" in own for own in names) or max(factors, default=0.0) > 0
         warnings = (warning,) if directed else ()
         with report.stage("refine") as step:
             refinement = refine_fields(source, fields[: len(names)], price, wanted, cache, step)
@@ -91,7 +92,7 @@ class PlaneCoding(Coding):
             return _unit(filled, stream, place, (shares[place[0]], budgets.get(place)), cache), time.perf_counter() - begin
 
         together = sum(len(filled.fields[i].keys) for i, _ in places) <= MOST_TOGETHER
-        with closing(in_order(code, places, filled.request.threads if together else 1)) as coded_units:
+        with closing(in_order(code, places, filled.price.threads if together else 1)) as coded_units:
             for n, (i, number) in enumerate(places):
                 with report.stage("attributes", (n, len(places))):
                     spent, seconds = next(coded_units)
@@ -109,19 +110,19 @@ class PlaneCoding(Coding):
 class JointCoding(Coding):
     """For codecs that code all fields and channel groups in one unit, and sample the source themselves."""
 
-    def content(self, placed: Placed, wanted: Refine, cache: Cache, report: Report) -> Decision[Content]:
+    def content(self, placed: Placed, wanted: FillRequest, cache: Cache, report: Report) -> Decision[Content]:
         """See Coding.content."""
         return Decision(Content(placed.source, placed.fields), {})
 
     def units(self, filled: Filled, stream: Stream, cache: Cache, report: Report) -> Decision[Planes]:
         """See Coding.units."""
-        request, codec, planes, total = filled.request, codec_of(filled.request.codec), [], 0
+        request, codec, planes, total = filled.request, filled.request.codec, [], 0
         assert isinstance(codec, JointCodec)
         if not filled.fields:
             return Decision([], {"refinement": {"asked": request.refine, "kind": "off", "reason": "there is no field"}})
-        coded = codec.enc(filled.source, codec.settings(request), report)
+        coded = codec.enc(filled.source, request.settings, report)
         for part, evaluator in zip(filled.fields, coded.evaluators, strict=True):
-            values = evaluator.values(part.support, request.threads)
+            values = evaluator.values(part.support, filled.price.threads)
             total = zlib.crc32(values, total)
             planes.append(split_groups(values, filled.source.groups))
         stream.attributes.append(attribute_values(codec, 0, 0, total, coded.values))
@@ -131,12 +132,6 @@ class JointCoding(Coding):
 def coding_of(price: Lagrangian) -> Coding:
     """Return the Coding that a codec needs: PlaneCoding if price has a coder."""
     return JointCoding() if price.coder is None else PlaneCoding()
-
-
-def _is_anisotropic(source, number):
-    """Return whether a material of a field has an anisotropy factor, with or without a map."""
-    used = np.unique(source.surface.material[source.face_field == number])
-    return any(source.scene.materials[m].parameters.get("anisotropy", (0.0,))[0] > 0 for m in used)
 
 
 def _values(placed, number, key, cache):

@@ -18,8 +18,7 @@ from ...scene.fetch import map_columns, pack_map
 
 if TYPE_CHECKING:
     from ...codecs.base import Source
-    from ...geometry.surface import Surface
-    from ...scene.scene import Material, Scene
+    from ...scene.scene import Material
     from .source_field import SourceField
 
 TOGETHER = ("roughness", "metallic")  # one group where both are coded: 0 to 6 % fewer bytes than apart (helmet, bottle), with
@@ -29,11 +28,6 @@ TOGETHER = ("roughness", "metallic")  # one group where both are coded: 0 to 6 %
 def map_names(materials: Iterable[Material]) -> set[str]:
     """Return channels that materials have maps of."""
     return {name for material in materials for name in material.maps}
-
-
-def names_of_field(scene: Scene, surface: Surface, in_field: np.ndarray) -> set[str]:
-    """Return channels that the materials of some faces, bool [F] of the surface, have maps of."""
-    return map_names(scene.materials[m] for m in np.unique(surface.material[in_field]))
 
 
 def groups_of(present: set[str], alpha: bool) -> tuple[Group, ...]:
@@ -100,8 +94,7 @@ def with_maps(part: SourceField, source: Source, number: int, names: set[str], t
     planes = {}
     for name in sorted(names):
         channel = channel_over(name, planar=False)
-        mapped = np.array([name in m.maps for m in source.scene.materials], bool)
-        in_field = (source.face_field == number) & mapped[source.surface.material]
+        in_field = (source.face_field == number) & source.mapped(channel)
         if channel.name == name:
             planes[name] = _transferred(part, source, in_field, name, threads)
         else:

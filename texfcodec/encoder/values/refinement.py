@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..caches import Cache
     from ..price import Lagrangian
     from .source_field import SourceField
+    from .stage import FillRequest
 
 COLOUR = BASE_COLOUR.name  # what a fit moves
 PROBE = 1 << 14  # surface points that tell how far the transfer is from the source
@@ -28,26 +29,19 @@ LEAST_GAIN = 0.03  # dB at the coded quality; what promised less gained nothing 
 MOST_VOXELS = 10_000_000  # "auto" leaves larger fields alone: a fit takes about 150 bytes a voxel
 
 
-class Refine(NamedTuple):
-    """The request for refinement: EncodeOptions.refine and refine_iterations."""
-
-    kind: str
-    iterations: int
-
-
-def refine_fields(source: Source, fields: list[SourceField], price: Lagrangian, wanted: Refine,
+def refine_fields(source: Source, fields: list[SourceField], price: Lagrangian, wanted: FillRequest,
                   cache: Cache, step: Step = no_step) -> Decision[list[SourceField]]:
     """Return the SourceFields with their colours refined as wanted.
 
     source: codecs.base.Source; fields: by number; cache: of fitted fields; step: of Report.stage(). Each field keeps its
     transferred colours if the refined ones are not closer to the source at points that the fit has not seen.
     """
-    reason = _reason_against(fields, price, wanted.kind)
-    evidence: dict[str, Any] = {"asked": wanted.kind, "kind": "off", "reason": reason or "requested"}
+    reason = _reason_against(fields, price, wanted.refine)
+    evidence: dict[str, Any] = {"asked": wanted.refine, "kind": "off", "reason": reason or "requested"}
     if reason:
         return Decision(fields, evidence)
     surfaces = [_field_surface(source, i, field) for i, field in enumerate(fields)]
-    if wanted.kind == "auto":
+    if wanted.refine == "auto":
         evidence["predicted_gain_db"] = round(_predicted_gain(surfaces, fields, price), 3)
         if evidence["predicted_gain_db"] < LEAST_GAIN:
             return Decision(fields, evidence | {"reason": "coding would hide the gain of a fit"})
@@ -57,9 +51,9 @@ def refine_fields(source: Source, fields: list[SourceField], price: Lagrangian, 
             for key, surface, part in zip(keys, surfaces, fields, strict=True)]
     fields = [part.with_planes({COLOUR: fit.value.planes[COLOUR]}) for part, fit in zip(fields, fits, strict=True)]
     evidence = evidence | {"kind": "fit", "fields": [fit.evidence for fit in fits]}
-    if wanted.kind != "render":
+    if wanted.refine != "render":
         return Decision(fields, evidence)
-    rendered = _render(surfaces, fields, price.threads, wanted.iterations, step)
+    rendered = _render(surfaces, fields, price.threads, wanted.refine_iterations, step)
     return Decision(rendered.value, evidence | rendered.evidence)
 
 

@@ -15,10 +15,12 @@ from ...render.tangent_frames import interpolate_corners, tangent_space_normals
 from ...scene.channels import BY_NAME
 from ...scene.factors import FLAT, factor_of
 from ...scene.fetch import map_columns, pack_map, sample_source, values_of_map
+from ..caches import Cache
 
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...scene.scene import Scene
+    from ..faces import SentFaces, SentSurface, SourceSurface
 
 NORMAL = "normal"  # the channel
 SAME_FRAME = 0.05  # of a matrix: three degrees, which averaging over vertices explains
@@ -63,7 +65,7 @@ class Frames:
         corners = surface.lattice[surface.faces].astype(np.float32)
         self.geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._tangents: dict[int, np.ndarray] = {}
-        self._sources: dict[str, tuple] = {}
+        self._sources = Cache()
 
     @cached_property
     def rebuilt(self) -> np.ndarray:
@@ -88,11 +90,13 @@ class Frames:
     def texels(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """Return (x and y of a normal map, float32 [M, 2] in 0..255, and its scale, float32 [M]); arguments as in
         deviations()."""
-        if name not in self._sources:
-            self._sources[name] = pack_map(self.scene, name, self.surface.origin_face)
-        texel = values_of_map(name, sample_source(self._sources[name], face, bary, threads))
+        packed = self._sources.get(name, lambda: pack_map(self.scene, name, self.surface.origin_face))
+        return values_of_map(name, sample_source(packed, face, bary, threads)), self.scale(name, face)
+
+    def scale(self, name: str, face: np.ndarray) -> np.ndarray:
+        """Return the scale of a normal map on faces int64 [M], float32 [M]."""
         scale = np.array([factor_of(m.parameters, BY_NAME[name].parameter)[0] for m in self.scene.materials], np.float32)
-        return texel, scale[self.surface.material[face]]
+        return scale[self.surface.material[face]]
 
     def tangent(self, name: str) -> np.ndarray:
         """Return tangents of the corners, float32 [F, 3, 4]: the source's, whichever UVs a map has, or derived from those UVs."""
@@ -109,11 +113,11 @@ class Frames:
         return self._tangents[key]
 
 
-def with_folded_normals(scene: Scene, surface: Surface, flat: np.ndarray) -> Scene:
+def with_folded_normals(scene: Scene, surface: SentSurface, flat: SentFaces) -> Scene:
     """Return the scene with new shading normals on flat faces: those of its normal map in the frame of the file's TANGENTs. UVs
     without area give a decoder no frame, so the map has no effect there (spec 8.5.2).
 
-    flat: int64 [N], faces of the surface whose UVs have no area.
+    flat: faces whose UVs have no area.
     """
     if scene.corner_tangent is None or scene.corner_normal is None:
         return scene
@@ -153,9 +157,9 @@ def _have_tangents(scene):
 class ShownMaps:
     """Values of maps at places on a surface: the `maps` of a codecs.base.Source. Arguments as those of Frames."""
 
-    def __init__(self, scene: Scene, surface: Surface, rebuilt: Callable[[], np.ndarray]) -> None:
+    def __init__(self, scene: Scene, surface: SourceSurface, rebuilt: Callable[[], np.ndarray]) -> None:
         self.scene, self.surface, self._rebuilt = scene, surface, rebuilt
-        self._packed: dict[str, tuple] = {}
+        self._packed = Cache()
 
     def __call__(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
         """Return values of a channel over voxels, float32 [M, C] in 0..255. name: in channels.CHANNELS; face: int64 [M] of the
@@ -163,9 +167,8 @@ class ShownMaps:
         material_name = BY_NAME[name].material_name
         if material_name != name:
             return self._frames.deviations(material_name, face, bary, threads)
-        if name not in self._packed:
-            self._packed[name] = pack_map(self.scene, name, self.surface.origin_face)
-        return sample_source(self._packed[name], face, bary, threads)[:, map_columns(name)]
+        packed = self._packed.get(name, lambda: pack_map(self.scene, name, self.surface.origin_face))
+        return sample_source(packed, face, bary, threads)[:, map_columns(name)]
 
     @cached_property
     def _frames(self):

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from ..decision import record
 from ..stages import Filled
 from .coding import coding_of
-from .refinement import Refine
 
 if TYPE_CHECKING:
-    from ...options import EncodeOptions
+    from ...codecs.base import Codec
     from ...report import Report
     from ..caches import Cache
     from ..stages import Placed
 
 
-def fill(placed: Placed, request: EncodeOptions, fields: Cache, report: Report) -> Filled:
+@dataclass(frozen=True, kw_only=True)
+class FillRequest:
+    """Fields of EncodeOptions that values depend on, beside their price. codec: the codec itself; settings: of its settings()."""
+
+    codec: Codec
+    settings: Any  # each codec has a class of its own
+    qp: int | None
+    refine: str
+    refine_iterations: int
+
+
+def fill(placed: Placed, request: FillRequest, fields: Cache, report: Report) -> Filled:
     """Return the Filled of a placed mesh. fields: cache of transferred and fitted values. Raises InputError, LimitError."""
     shaded = placed.shaded
     meshed, prepared = shaded.meshed, shaded.meshed.prepared
-    wanted, price = Refine(request.refine, request.refine_iterations), meshed.price
-    filled = record(coding_of(price).content(placed, wanted, fields, report), report)
+    price = meshed.price
+    filled = record(coding_of(price).content(placed, request, fields, report), report)
     return Filled(request=request, price=price, surface=meshed.mesh.value.surface, geometry=placed.geometry,
                   source=filled.value.source, fields=filled.value.fields, materials=prepared.materials, shading=shaded.shading,
                   resolution=price.resolution if placed.names else None,

@@ -92,7 +92,7 @@ def image_budgets(source: Source, fields: list[SourceField]) -> dict[tuple[int, 
     sizes: dict[int, int | None] = {}
     behind: dict[int, dict[tuple[int, int], int]] = {}
     for number, part in enumerate(fields):
-        used = [source.scene.materials[m] for m in np.unique(source.surface.material[source.face_field == number])]
+        used = source.materials_of(number)
         for place, group in enumerate(source.groups):
             for texture in _textures_behind(source.scene, used, group):
                 sizes[id(texture.image)] = texture.lossy_bytes

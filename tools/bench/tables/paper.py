@@ -149,13 +149,14 @@ def asset_facts(path):
 def _counts_of_images(scene):
     """Yields (texels that the surface shows, the same with each as often as it is shown, all texels) of every image; the first is
     counted on a raster of at most RASTER texels a side."""
-    from texfcodec.encoder.prepare.stage import PrepareRequest, prepare
+    from texfcodec.encoder.prepare.stage import prepare
+    from texfcodec.encoder.requests import Requests
     from texfcodec.encoder.supports.image_groups import image_groups
     from texfcodec.encoder.supports.texel_plan import TexelPlan, covered_texels, most_fraction_bits
     from texfcodec.options import EncodeOptions
     from texfcodec.report import Report
 
-    begun = prepare(scene, PrepareRequest.of(EncodeOptions(effects="none")), Report())
+    begun = prepare(scene, Requests.of(EncodeOptions(effects="none")).prepare, Report())
     for group in image_groups(begun.scene, begun.surface):
         size = tuple(max(1, round(side * min(1.0, RASTER / max(group.size)))) for side in group.size)
         plan, whole = TexelPlan(group, size, min(2, most_fraction_bits(size, group))), math.prod(group.size)

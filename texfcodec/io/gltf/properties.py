@@ -64,5 +64,5 @@ def name_of(entry: dict) -> str:
 
 
 def title(entry: dict, index: int) -> str:
-    """'name' of an entry, or its number."""
-    return f"'{name_of(entry)}'" if name_of(entry) else str(index)
+    """'name' of an entry, or its first 80 characters, or its number."""
+    return f"'{name_of(entry)[:80]}'" if name_of(entry) else str(index)

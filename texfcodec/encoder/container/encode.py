@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...io.container.layout import CodedPrimitive, write_extension
+from ...io.container.layout import CodedPrimitive, short_numbers, write_extension
 from ...io.container.references import texture_infos
 from ...io.container.rewritten import ARRAY, Rewritten
 from ...io.gltf.accessor import read_accessor
@@ -220,7 +220,7 @@ def _write_described(out, primitive, part, points, counts, texcoord):
     """Replace the accessors of what a stream holds by such without data. points: in mesh space; counts: of vertices and
     corners; texcoord: number of the stream's UV set, None without images."""
     attributes = {name: primitive["attributes"][name] for name in primitive["attributes"] if name in part.stored}
-    bounds = {"min": points.min(axis=0).astype(np.float32).tolist(), "max": points.max(axis=0).astype(np.float32).tolist()}
+    bounds = {"min": short_numbers(points.min(axis=0)), "max": short_numbers(points.max(axis=0))}
     held = {"POSITION": {"componentType": 5126, "count": counts[0], "type": "VEC3", **bounds}}
     held |= {name: {"componentType": 5126, "count": counts[0], "type": kind}
              for name, kind in (("NORMAL", "VEC3"), ("TANGENT", "VEC4")) if name in primitive["attributes"]}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...bitstream.stream import read_stream, write_stream
 from ...io.container.layout import CodedPrimitive, short_numbers, write_extension
 from ...io.container.references import texture_infos
 from ...io.container.rewritten import ARRAY, Rewritten
@@ -125,11 +126,22 @@ def _coded(plan: Plan, parts: list[CodedPart], options, report, code) -> _Coded:
     scene = _scene(plan, parts)
     for support in (options.support, "voxels"):
         encoded = code(scene, request.changed(support=support), report)
+        encoded = _without_factors(encoded, options.limits)
         texf = decode_stream(encoded.data, DecodeOptions(limits=options.limits), Report())
         units = [tuple(n for n, unit in enumerate(texf.units) if unit.material == number) for number in range(len(parts))]
         if not _is_torn(texf, parts, units):
             break
     return _Coded(encoded=encoded, texf=texf, units=units)
+
+
+def _without_factors(encoded, limits):
+    """Return an Encoded whose stream has no names and parameters of materials, because the file has them."""
+    stream = read_stream(encoded.data, limits)
+    for material in stream.materials:
+        material |= {"name_length": 0, "material_name": "", "num_parameters": 0, "parameters": []}
+    data, _ = write_stream(stream)
+    saved = len(encoded.data) - len(data)
+    return replace(encoded, data=data, sizes=encoded.sizes | {name: encoded.sizes[name] - saved for name in ("total", "other")})
 
 
 def _is_torn(texf, parts, units):
@@ -148,7 +160,7 @@ def _scene(plan, parts) -> Scene:
     placed = [replace(place(part.part, part.place), material=number, color=None) for number, part in enumerate(parts)]
     used = sorted({t for material in materials for t in (material.texture, *material.maps.values()) if t >= 0})
     number_of = {old: new for new, old in enumerate(used)} | {-1: -1}
-    materials = [replace(material, name=str(number), texture=number_of[material.texture],
+    materials = [replace(material, name=parts[number].part.label, texture=number_of[material.texture],
                          maps={name: number_of[t] for name, t in material.maps.items()})
                  for number, material in enumerate(materials)]
     scene = assemble(placed, materials, [plan.textures[t] for t in used], KeptNotes())

@@ -87,7 +87,7 @@ def test_encoder_replaces_no_file_that_it_read(call, house, monkeypatch, out):
         assert code == 2 and json.loads(said)["error"]["code"] == "TXF-O07"
 
 
-@pytest.mark.parametrize("out", ["a.glb", "a", "a.texf.bak", "b.mtl"])
+@pytest.mark.parametrize("out", ["a.gltf", "a", "a.texf.bak", "b.mtl"])
 def test_encoder_writes_streams_only(call, house, out):
     before = held(house)
     code, _, err = call("texf-enc", house / "a.obj", house / out, *SMALL)

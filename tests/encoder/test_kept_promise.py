@@ -123,6 +123,16 @@ def test_small_parts_are_found_beside_what_is_large_and_nowhere_else():
     assert small_parts(make_surface(alone, EncodeOptions())) == []
 
 
+def test_faces_without_area_in_the_source_ask_for_no_finer_lattice():
+    """Every lattice leaves them out: triangles whose corners are on a line, away from everything else."""
+    scene = statue_on_a_ground(3.0)
+    line = np.array([[0.0, 0, 3], [1, 0, 3], [2, 0, 3]])
+    flat = np.repeat([[0, 1, 2]], 40, axis=0) + len(scene.positions)
+    bits = [reference_surface(s, EncodeOptions()).cube.position_bits for s in (
+        scene_of(np.concatenate([scene.positions, line]), faces) for faces in (scene.faces, np.concatenate([scene.faces, flat])))]
+    assert bits[0] == bits[1] < MAX_BITS
+
+
 def test_a_part_that_loses_a_thousand_faces_is_warned_of():
     scene = statue_on_a_ground(20000.0)
     remarks, warnings = _collapsed(scene, make_surface(scene, EncodeOptions(position_bits=10)))

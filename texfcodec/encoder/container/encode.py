@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...io.container.layout import CodedPrimitive, write_extension
+from ...bitstream.stream import read_stream, write_stream
+from ...io.container.layout import CodedPrimitive, short_numbers, write_extension
 from ...io.container.references import texture_infos
 from ...io.container.rewritten import ARRAY, Rewritten
 from ...io.gltf.carried import EXTENSION
@@ -132,11 +133,22 @@ def _coded(plan: Plan, parts: list[CodedPart], options, report, code) -> _Coded:
     scene = _scene(plan, parts)
     for support in (options.support, "voxels"):
         encoded = code(scene, request.changed(support=support), report)
+        encoded = _without_factors(encoded, options.limits)
         texf = decode_stream(encoded.data, DecodeOptions(limits=options.limits), Report())
         units = [tuple(n for n, unit in enumerate(texf.units) if unit.material == number) for number in range(len(parts))]
         if not _is_torn(texf, parts, units):
             break
     return _Coded(encoded=encoded, texf=texf, units=units)
+
+
+def _without_factors(encoded, limits):
+    """Return an Encoded whose stream has no names and parameters of materials, because the file has them."""
+    stream = read_stream(encoded.data, limits)
+    for material in stream.materials:
+        material |= {"name_length": 0, "material_name": "", "num_parameters": 0, "parameters": []}
+    data, _ = write_stream(stream)
+    saved = len(encoded.data) - len(data)
+    return replace(encoded, data=data, sizes=encoded.sizes | {name: encoded.sizes[name] - saved for name in ("total", "other")})
 
 
 def _is_torn(texf, parts, units):
@@ -155,7 +167,7 @@ def _scene(plan, parts) -> Scene:
     placed = [replace(place(part.part, part.place), material=number, color=None) for number, part in enumerate(parts)]
     used = sorted({t for material in materials for t in (material.texture, *material.maps.values()) if t >= 0})
     number_of = {old: new for new, old in enumerate(used)} | {-1: -1}
-    materials = [replace(material, name=str(number), texture=number_of[material.texture],
+    materials = [replace(material, name=parts[number].part.label, texture=number_of[material.texture],
                          maps={name: number_of[t] for name, t in material.maps.items()})
                  for number, material in enumerate(materials)]
     scene = assemble(placed, materials, [plan.textures[t] for t in used], KeptNotes())
@@ -220,7 +232,7 @@ def _write_described(out, primitive, part, points, counts, texcoord):
     """Replace the accessors of what a stream holds by such without data. points: in mesh space; counts: of vertices and
     corners; texcoord: number of the stream's UV set, None without images."""
     attributes = {name: primitive["attributes"][name] for name in primitive["attributes"] if name in part.stored}
-    bounds = {"min": points.min(axis=0).astype(np.float32).tolist(), "max": points.max(axis=0).astype(np.float32).tolist()}
+    bounds = {"min": short_numbers(points.min(axis=0)), "max": short_numbers(points.max(axis=0))}
     held = {"POSITION": {"componentType": 5126, "count": counts[0], "type": "VEC3", **bounds}}
     held |= {name: {"componentType": 5126, "count": counts[0], "type": kind}
              for name, kind in (("NORMAL", "VEC3"), ("TANGENT", "VEC4")) if name in primitive["attributes"]}

@@ -255,6 +255,10 @@ def _grouped(parts, materials):
     for key, cluster in clusters.items():
         kept = any(part.keeps_vertices for part in cluster)
         streams.setdefault((kept, int(math.log(largest / sizes[key], _SIZES))), []).extend(cluster)
+    for parts_of in streams.values():
+        if all(np.array_equal(part.place, parts_of[0].place) for part in parts_of):
+            for part in parts_of:  # where all stand does not matter
+                part.place = np.eye(4)
     return [streams[key] for key in sorted(streams)]
 
 

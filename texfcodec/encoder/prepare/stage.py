@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...geometry.canonical import MAX_BITS
-from ...geometry.surface import make_surface
+from ...geometry.surface import make_surface, thin_faces
 from ..faces import SourceSurface
 from ..stages import Prepared
 from .channel_weights import measured_weights
@@ -65,12 +65,15 @@ def reference_surface(scene: Scene, request: PrepareRequest) -> SourceSurface:
 
 
 def _loses_a_part(scene, surface):
-    """Returns whether the lattice removes half of the faces in some cell of the scene."""
+    """Return whether the lattice removes half of the faces in some cell of the scene, but for those that every lattice
+    removes, because they have no area in the source."""
+    if not surface.cube.side:
+        return False
     left = np.ones(len(scene.faces), bool)
     left[surface.origin_face] = False
-    a, b, c = scene.faces.T
-    left &= (a != b) & (b != c) & (c != a)
-    if left.sum() < FEWEST or not surface.cube.side:
+    gone = np.flatnonzero(left)
+    left[gone] = ~thin_faces(scene.positions, scene.faces, surface.cube.side, gone)
+    if left.sum() < FEWEST:
         return False
     middle = scene.positions[scene.faces].mean(axis=1) - surface.cube.origin
     place = np.clip(np.floor(middle / surface.cube.side * CELLS), 0, CELLS - 1).astype(np.int64) @ (1, CELLS, CELLS**2)

@@ -58,12 +58,17 @@ def write_extension(primitive: dict, coded: CodedPrimitive, splits: int | None) 
     """Add the extension to a primitive. splits: number of the accessor of its splits, None without any."""
     entry = {"stream": coded.stream, "units": list(coded.units)}
     if not np.array_equal(coded.matrix, np.eye(4)):
-        entry["matrix"] = [float(value) for value in coded.matrix.T.reshape(-1)]
+        entry["matrix"] = short_numbers(coded.matrix.T.reshape(-1))
     if coded.texcoord:
         entry["texCoord"] = coded.texcoord
     if splits is not None:
         entry["splits"] = splits
     primitive.setdefault("extensions", {})[EXTENSION] = entry
+
+
+def short_numbers(values: np.ndarray) -> list[float]:
+    """Return numbers that are short in JSON: the shortest decimals of their float32."""
+    return [float(str(value)) for value in np.asarray(values).astype(np.float32)]
 
 
 def is_container(root: dict) -> bool:

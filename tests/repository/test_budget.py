@@ -12,8 +12,8 @@ BUDGETS = {
     ("js", "native"): 6_300,
     ("tools",): 11_800,  # target 10,500
     ("tools/gpu",): 3_100,  # came with fitting, frames and decoding on a GPU, whose page must be made again
-    ("conformance",): 7_800,  # target 7,500
-    ("tests",): 39_500,  # 400 are of scenes; 2,600 of it, bounds and load, came from tools/proof; target 29,000
+    ("conformance",): 8_450,  # target 7,500; 600 are of glTF files with streams and what expands them
+    ("tests",): 39_700,  # 600 are of scenes; 2,600 of it, bounds and load, came from tools/proof; target 29,000
 }
 
 

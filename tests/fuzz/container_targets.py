@@ -4,6 +4,7 @@ are those of conformance/container/."""
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from unittest.mock import patch
 
 from gltf_scenes import tree_of, with_tree
 
@@ -28,8 +29,9 @@ OPTIONS = EncodeOptions(limits=SMALL)
 
 @lru_cache(maxsize=1)
 def _coded():
-    """Good coded files, the smallest first."""
-    return sorted(((path / "in.glb").read_bytes() for path in HOME.iterdir() if not path.name.startswith("faulty_")), key=len)
+    """Good coded files, the smallest first, without the one that takes an atlas, which a child process makes."""
+    names = [path.name for path in HOME.iterdir() if path.name != "voxels" and not path.name.startswith("faulty_")]
+    return sorted(((HOME / name / "in.glb").read_bytes() for name in names), key=len)
 
 
 @lru_cache(maxsize=1)
@@ -48,9 +50,15 @@ def _bent(data, choices):
     return with_tree(data[:begin] + (edited(data[begin:], choices) if choices.flag(4) else data[begin:]), root)
 
 
+@lru_cache(maxsize=64)
+def _decoded(stream, *_):
+    """A stream's Texf, decoded once: other targets are about streams."""
+    return decode_stream(stream, DecodeOptions(limits=SMALL), Report())
+
+
 def _expanded(data):
     """The expanded file, whose references are checked."""
-    result = expand_bytes(data, Path(), lambda stream: decode_stream(stream, DecodeOptions(limits=SMALL), Report()), "png")
+    result = expand_bytes(data, Path(), _decoded, "png")
     if result is not data:
         root = open_document(result, Path(), Notes()).root
         assert not is_container(root) and all(reference.target >= 0 for _, reference in references(root))
@@ -75,7 +83,8 @@ def scene_file(data: bytes) -> None:
     choices = Choices(data)
     source, streams = choices.pick(_sources())
     source, rest = _bent(source, choices), list(streams)
-    result = encode_document(source, Path(), OPTIONS, Report(), lambda *_: _Stream(rest.pop(0) if rest else streams[0])).data
+    with patch("texfcodec.decoder.decode_stream", _decoded):
+        result = encode_document(source, Path(), OPTIONS, Report(), lambda *_: _Stream(rest.pop(0) if rest else streams[0])).data
     kept = [[json_text(open_document(file, Path(), Notes()).root.get(kind), ensure_ascii=False).encode("utf-8", "replace")
              for kind in ("nodes", "scenes", "cameras")] for file in (source, result)]
     assert kept[0] == kept[1], kept

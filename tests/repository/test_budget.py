@@ -10,7 +10,7 @@ LONGEST_LINE = 2000  # a file with a longer one is a bundle, which does not coun
 BUDGETS = {
     ("texfcodec",): 51_100,  # target 42,500, with its JavaScript; 9,400 are docstrings; scenes in a glTF took 1,500
     ("js", "native"): 6_300,
-    ("tools",): 11_800,  # target 10,500
+    ("tools",): 11_950,  # target 10,500; 130 are of scenes
     ("tools/gpu",): 3_100,  # came with fitting, frames and decoding on a GPU, whose page must be made again
     ("conformance",): 7_800,  # target 7,500
     ("tests",): 39_500,  # 400 are of scenes; 2,600 of it, bounds and load, came from tools/proof; target 29,000

@@ -44,7 +44,7 @@ class Listing:
         self._add(error.code, error.message, error.details, number)
 
     def oddity(self, oddity: Oddity, number: int | None = None) -> None:
-        """Add an oddity. number: index of its unit in units; if None, the unit that contains the oddity's offset."""
+        """Add a warning or note. number: index of its unit in units; if None, the unit that contains its offset."""
         self._add(oddity.code, oddity.message, vars(oddity), number)
 
     def _add(self, code, message, details, number):

@@ -47,7 +47,7 @@ def row(path, view, rates, size):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("assets", nargs="+", metavar="ASSET[@VIEW]")
     parser.add_argument("--out", type=Path, required=True)

@@ -62,7 +62,7 @@ from tools.bench.steps import run_step
 
 
 def main(arguments=None):
-    """Command line of the tool; the exit code."""
+    """Run the tool; return its exit code. arguments: the words of its command line, sys.argv by default."""
     arguments = sys.argv[1:] if arguments is None else arguments
     if arguments[:1] == ["--step"]:
         return run_step(*arguments[1:])

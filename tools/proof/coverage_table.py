@@ -240,7 +240,7 @@ def _arguments(arguments):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     args = _arguments(arguments)
     if not args.keep:
         shutil.rmtree(args.out / "data", ignore_errors=True)

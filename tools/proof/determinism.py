@@ -425,7 +425,7 @@ def _rows(reference, cases, options):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--assets", type=Path, help="folder of the assets; without it scenes made by code alone")
     parser.add_argument("--out", type=Path, default=Path("out/determinism"), help="what is kept of a run, environments too")

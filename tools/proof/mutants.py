@@ -398,7 +398,7 @@ def wanted_mutants(args):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     args = _arguments(arguments)
     sys.path.insert(0, str(REPOSITORY / "tests"))
     wanted, chosen = wanted_mutants(args)

@@ -192,7 +192,7 @@ def _run(case: Case, args: argparse.Namespace) -> Worst:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     args = _arguments(arguments)
     rows = map(json.loads, args.state.read_text(encoding="utf-8").splitlines()) if args.state and args.state.exists() else ()
     known, worst_by_case, broken = {row.pop("case"): Worst(**row) for row in rows}, {}, []

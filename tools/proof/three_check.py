@@ -223,7 +223,7 @@ def arguments_of(words):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     args = arguments_of(arguments)
     args.out.mkdir(parents=True, exist_ok=True)
     subjects = {path.stem: (path,) for path in args.streams}

@@ -87,7 +87,7 @@ def judged(row, control, picture):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     parser = argparse.ArgumentParser(prog="kinds", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cache", type=Path, default=Path("out/public_models"), metavar="DIR")
     parser.add_argument("--only", action="append", metavar="WORD", help="properties whose name holds it; repeatable")

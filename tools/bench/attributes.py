@@ -143,8 +143,7 @@ def texels_of(name, image, mask, crop=None):
 
 
 def choose(points, qp, effort, threads=2, planar=None):
-    """Choose coding tools as the encoder does; return (Tools, seconds). planar: whether as for texels, by default if they
-    are."""
+    """Choose coding tools as the encoder does; return (Tools, seconds). planar: whether as for texels, default: by points."""
     values, begin = forward_colour(points.rgb), time.perf_counter()
     planar = points.mask is not None if planar is None else planar
     return choose_tools(points.keys, points.depth, values, points.qps(qp), effort, threads, planar), time.perf_counter() - begin

@@ -19,8 +19,7 @@ NAME = re.compile(r"\w[\w.+-]*")
 
 def read_conditions(path, changed=(), only=()):
     """Read and check a condition file; return {"assets", "plugins", "limit_seconds", "evaluation", "settings"}, or end the
-    program with a sentence. changed: words KEY=VALUE that replace lines of [evaluation]; only: names of assets to keep, () for
-    all."""
+    program with a sentence. changed: words KEY=VALUE that replace lines of [evaluation]; only: assets to keep, () for all."""
     try:
         with open(path, "rb") as file:
             given = tomllib.load(file)
@@ -120,8 +119,7 @@ def _expanded(number, table, conditions):
 
 
 def find_assets(names, folders, out):
-    """Look assets up in folders; return ({name as given: path}, names not there). "sample" is written into out if it is not
-    there."""
+    """Find assets in folders; return ({name as given: path}, names not there). "sample" is written into out if missing."""
     paths, missing = {}, []
     for name in names:
         places = [folder / (name + suffix) for folder in folders for suffix in SUFFIXES]

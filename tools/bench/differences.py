@@ -28,8 +28,7 @@ class Pair:
     anchor: dict
 
     def differences(self, kind):
-        """Return {asset: {measure: Difference}} for the assets of both groups and the measures in their rows. kind: see
-        results.rate_of()."""
+        """Return {asset: {measure: Difference}} for the assets and measures of both groups. kind: "total" or "texture" bytes."""
         shared = [asset for asset in self.rows if asset in self.anchor]
         measures = measures_of([row for asset in shared for side in (self.rows, self.anchor) for row in side[asset]])
         return {asset: {measure: difference(self.anchor[asset], self.rows[asset], measure, kind) for measure in measures}
@@ -37,8 +36,7 @@ class Pair:
 
 
 def pairs_of(rows, anchors, group=None, anchor_group=None):
-    """Return the [Pair] of groups to compare. anchors: rows of another folder, None to compare within rows; group, anchor_group:
-    names."""
+    """Return the [Pair] of groups to compare. anchors: rows of another folder, None to compare groups of rows themselves."""
     ours = grouped(rows)
     theirs = ours if anchors is None else grouped(anchors)
     for name, known in ((group, ours), (anchor_group, theirs)):

@@ -56,8 +56,7 @@ def _identity(settled):
 
 
 def jobs_of(conditions, assets, out):
-    """Return all Jobs of conditions (dict of read_conditions()), asset by asset. assets: {name as given: path}; out: folder for
-    results."""
+    """Return all Jobs of conditions (of read_conditions()), asset by asset. assets: {name: path}; out: folder for results."""
     code = {name: code_of(name, conditions["plugins"]) for name in {s["method"] for s in conditions["settings"]}}
     jobs, names = [], {}
     for given, path in assets.items():

@@ -53,8 +53,7 @@ def map_errors(scene, decoded, samples, threads=1):
 
 
 def values_of(points, lights, side, name, rows):
-    """Return a channel's values at some of the Points, float [M, C] in 0..255. side: 0 source, 1 decoded; rows: indices int
-    [M]."""
+    """Return a channel's values at rows of Points, float [M, C] in 0..255. side: 0 for the source, 1 for the decoded."""
     if name == BASE_COLOUR.name:
         return points.rgba[side][rows, :3]
     if BY_NAME[name].unit == "degrees":

@@ -17,8 +17,7 @@ def measure_job(scene, decoded, job, folder):
 
 
 def measures(scene, decoded, evaluation, threads):
-    """Return {"psnr_3d", "image", "maps"} of a decoded Texf or Scene against its source; None for those not requested in
-    evaluation."""
+    """Return {"psnr_3d", "image", "maps"} of a decoded Texf or Scene; None for those that evaluation does not request."""
     from texfcodec.metrics.psnr_3d import SourceSamples
     from texfcodec.metrics.views import ViewSettings, compare_views, mesh_psnr_3d
     from texfcodec.render.environment import DAYLIGHT

@@ -92,7 +92,7 @@ def main(arguments=None):
 
 
 def seconds(text):
-    """A number above 0, of a flag; ValueError for any other text. argparse tells its name."""
+    """Parse the value of a flag: a number of seconds above 0. Raises ValueError, to which argparse adds the flag."""
     if not 0 < float(text) < float("inf"):
         raise ValueError(text)
     return float(text)

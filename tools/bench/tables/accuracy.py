@@ -125,16 +125,15 @@ def _number(text):
 
 
 def curve_of(by_group, asset, knob):
-    """Return the rate curve of a knob's defaults over QP, [(bytes, dB)], without points that another QP beats in both; []
-    without."""
+    """Return the rate curve of a knob's defaults over QP, [(bytes, dB)], without points that another beats in both; may be
+    []."""
     rows = by_group.get(knob.curve, {}).get(asset) or by_group.get(knob.curve and "QP", {}).get(asset, [])
     points = sorted((row["bytes"]["total"], at(row, knob.quality)) for row in rows if at(row, knob.quality) is not None)
     return [point for i, point in enumerate(points) if all(quality < point[1] for _, quality in points[:i])]
 
 
 def percent_at(curve, size, quality):
-    """Return by how many percent size is above a curve at a quality in dB; None beyond the curve's ends or for an empty
-    curve."""
+    """Return by how many percent size is above a curve at a quality in dB; None beyond the curve's ends or if it is []."""
     if len(curve) < 2 or not curve[0][1] - REACH <= quality <= curve[-1][1] + REACH:
         return None
     try:
@@ -179,8 +178,7 @@ def _trade(seconds, percent):
 
 
 def changes_of(table):
-    """Return lines on presets and defaults that are dominated on an asset, those on most assets first. table: as of
-    steps_of()."""
+    """Return lines on presets and defaults that are dominated on an asset, the most frequent first. table: see steps_of()."""
     votes, judged = defaultdict(list), Counter()
     for name, by_asset in table.items():
         for asset, cells in by_asset.items():
@@ -253,8 +251,8 @@ def metric_lines(rows, assets):
 
 
 def draw(table, assets, path):
-    """Plot, for each asset, bytes saved at equal quality against seconds, with the front, to path. Return whether matplotlib is
-    there."""
+    """Plot bytes saved at equal quality against seconds for each asset, with the front, to path. Return False without
+    matplotlib."""
     pyplot = load_pyplot()
     if pyplot is None:
         return False

@@ -21,7 +21,7 @@ SIDES = "ours", "rivals"
 
 
 def read_points(path):
-    """Read a file of lit pictures; return {asset: {side: [(bytes, bytes without positions, dB of Y or None)]}}."""
+    """Read a folder of records or of rows; return {asset: {side: [(bytes, bytes without positions, dB of Y or None)]}}."""
     points = defaultdict(dict)
     if path.is_dir() and any(path.glob("*.ours.json")):
         for side in SIDES:

@@ -46,8 +46,7 @@ def of_equal_steps(rows):
 
 
 def differences(ours, rivals):
-    """Return the lines of a Markdown table: BD-rate in percent of our fits, by steps, against each group of rivals, by
-    measure."""
+    """Return the lines of a Markdown table: BD-rates in percent of our fits, by steps, against each group of rivals."""
     lines = [[f"{steps:,}", group, *(_difference(rows, own_rows, measure) for measure in PSNRS)]
              for steps, own_rows in ours.items() for group, rows in rivals.items()]
     return markdown_table(["steps", "against", *PSNRS], lines, 2)

@@ -31,8 +31,8 @@ RESIDENT = (("3DNTC", "TexF/3DNTC", (-33, -31)), ("UV-Source NTC", "NTC", (-7, -
 
 
 def differences_of(rows, group, anchor, kind="texture"):
-    """Return {asset: {measure: Difference}} of a group of rows against another; {} if one does not exist. kind: see
-    results.rate_of()."""
+    """Return {asset: {measure: Difference}} of a group of rows against another; {} if one is missing. kind: "texture" or
+    "total"."""
     groups = grouped(rows)
     if group not in groups or anchor not in groups:
         return {}
@@ -52,8 +52,7 @@ def mean_and_median(table, measure):
 
 
 def paper_lines(rows, wanted, anchor):
-    """Return the lines of a Markdown table: the paper's BD-rates beside ours. wanted: rows of the paper; anchor: group compared
-    with."""
+    """Return the lines of a Markdown table: the paper's BD-rates (wanted) beside ours against the group `anchor`."""
     groups = list(dict.fromkeys([*(name for name, _, _ in wanted), *grouped(rows)]))
     by_group, lines = {name: (row, figures) for name, row, figures in wanted}, []
     for group in groups:

@@ -18,8 +18,8 @@ _FIRST_RUN = "first run: compiling the kernels takes about {} s, once"
 
 
 def first_run(seconds: int) -> str | None:
-    """Return a line that announces the compilation of kernels; None if they are compiled. seconds: its time, such as
-    ENCODING."""
+    """Return a line that announces the compilation of kernels; None if they are compiled. seconds: about how long it takes,
+    ENCODING, DECODING or ALL."""
     return None if kernels_compiled() else _FIRST_RUN.format(seconds)
 
 

@@ -326,7 +326,7 @@ class Run:
 def files_of(path: Path) -> dict[str, Path]:
     """Return {name: path} of the files that an asset consists of, itself first. Names are relative to their common folder.
 
-    An asset that cannot be loaded has itself alone: the encoder reports the error.
+    If an asset cannot be loaded, it is its only file: the encoder reports the error.
     """
     from ..io.load import load
 

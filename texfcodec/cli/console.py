@@ -47,7 +47,7 @@ class Console:
             click.echo(printable(text), err=True)
 
     def note_first_run(self, seconds: int) -> None:
-        """Announce that kernels will be compiled, unless they are cached. seconds: ENCODING or DECODING of precompile.py."""
+        """Announce that kernels will be compiled, unless they are cached. seconds: about how long it takes, such as ENCODING."""
         if line := first_run(seconds):
             self.note(line)
 

@@ -204,8 +204,8 @@ def write_sample(path: str | PathLike) -> None:
 
 
 def write_or_explain(path: str | PathLike) -> None:
-    """Write the sample as write_sample() does, for a command line: without scikit-image print one line on stderr and exit with
-    the code for missing support."""
+    """Write the demo's vase as write_sample() does, for a command line: without scikit-image print one line on stderr and exit
+    with the code for missing support."""
     try:
         write_sample(path)
     except ImportError as error:

@@ -36,7 +36,8 @@ LIMITS = ("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "lat
 
 
 def can_decode(stream: Stream) -> bool:
-    """Return whether the sandbox can decode a stream's codecs: neither private codecs nor a joint one that evaluates points."""
+    """Return whether the WebAssembly sandbox has a stream's codecs: neither private codecs nor a joint one that evaluates
+    points."""
     return stream.joint is None and all(values["codec_id"] in KNOWN for values in stream.attributes)
 
 

@@ -64,7 +64,7 @@ def _surface(texf):
 
 
 def lost_maps(texf: Texf, appearance: str) -> list[str]:
-    """Names of the maps and shading normals that arrays() leaves out; none for appearance "texture"."""
+    """Return the names of the maps and shading normals that arrays() leaves out; none for appearance "texture"."""
     if appearance == "texture":
         return []
     names = {name for part in texf.fields for name in part.planes} - {BASE_COLOUR.name, ALPHA.name}

@@ -31,7 +31,8 @@ class _Element:
 
 @dataclass
 class PlyHeader:
-    """form: one of _ORDERS; textures: names of TextureFile comments; comments: the others, obj_info among them; size: bytes."""
+    """Header of a PLY file. form: one of _ORDERS; textures: names of TextureFile comments; comments: the others, obj_info among
+    them; size: bytes."""
 
     form: str
     elements: list
@@ -41,7 +42,8 @@ class PlyHeader:
 
 
 def malformed(what: str, **details: object) -> InputError:
-    """The error for a PLY file that does not follow its format."""
+    """Return the error for a PLY file that does not follow its format. what: the message; details: values for the error's
+    report."""
     return InputError("TXF-I21", f"the PLY file is malformed: {what}", **details)
 
 
@@ -201,7 +203,7 @@ def _stored(values, kind):
 
 
 def indices_of(values: np.ndarray) -> np.ndarray:
-    """Vertex indices as int64; invalid numbers become -1, which assemble() refuses."""
+    """Return a file's vertex indices, of any type, as int64; invalid numbers become -1, which assemble() refuses."""
     if values.dtype.kind != "f":
         return values.astype(np.int64)
     return np.where(np.isfinite(values) & (np.abs(values) < 2**53), values, -1).astype(np.int64)

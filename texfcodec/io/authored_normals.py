@@ -100,7 +100,8 @@ def _directions(vectors):
 
 
 def face_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit normals of faces, float64 [F, 3]; (0, 0, 1) without area. positions: float64 [V, 3]; faces: int64 [F, 3]."""
+    """Return the unit normals of faces, float64 [F, 3]; (0, 0, 1) for faces without area. positions: float64 [V, 3]; faces: int64
+    [F, 3]."""
     u, v = (positions[faces[:, i]] - positions[faces[:, 0]] for i in (1, 2))
     longest = np.maximum(np.abs(u).max(axis=1), np.abs(v).max(axis=1))[:, None]
     scale = np.where(longest > 0, longest, 1.0)

@@ -67,7 +67,8 @@ class TextureShelf:
 
 
 def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np.ndarray:
-    """Bytes of an image file, or a PIL image -> uint8 [H, W, 4] RGBA, row 0 at the top. is_colour: whether it holds colours.
+    """Decode an image to uint8 [H, W, 4] RGBA, row 0 at the top. data: bytes of its file, or a PIL image; name: in messages;
+    is_colour: whether it holds colours.
 
     16-bit samples keep their high byte, and the EXIF orientation is applied, as in browsers, both with a remark. Colour profiles
     are ignored, as glTF requires.

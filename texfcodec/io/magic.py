@@ -93,8 +93,7 @@ def _first_text(data):
 
 
 def check_start(data: bytes, entry: Format) -> None:
-    """Raise InputError TXF-I06 if the first bytes of a file do not fit its Format. data: bytes of the file; entry: the Format of
-    its suffix."""
+    """Raise InputError TXF-I06 if the first bytes of a file do not fit its Format. entry: the Format of its suffix."""
     seen = what_it_is(data)
     expected = data[: len(entry.starts[0])] in entry.starts if entry.starts else not _belongs_elsewhere(seen, entry)
     if not expected:
@@ -109,7 +108,8 @@ def _belongs_elsewhere(seen, entry):
 
 
 def as_utf8(data: bytes) -> bytes:
-    """Text with a byte order mark -> the same text as UTF-8 without a mark; other bytes stay. Raises InputError TXF-I06."""
+    """Return text that has a byte order mark as UTF-8 without the mark, and other bytes unchanged. Raises InputError TXF-I06 if
+    the text cannot be decoded."""
     for mark, encoding in _BYTE_ORDER_MARKS:
         if bytes(data[: len(mark)]) == mark:
             try:

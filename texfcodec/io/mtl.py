@@ -67,7 +67,7 @@ class ObjMaterial:
 
 
 def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
-    """Bytes of an .mtl file -> {name: ObjMaterial}. Raises InputError TXF-I20 with the line."""
+    """Parse the bytes of an .mtl file: {name: ObjMaterial}. Raises InputError TXF-I20 with the line."""
     library: dict[str, ObjMaterial] = {}
     current, coding = None, _coding_of(data := as_utf8(data))
     head = data[:_HEAD].decode("latin-1")

@@ -60,7 +60,8 @@ class _Statements:
 
 
 def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """Bytes of an .obj file -> Scene. folder: of its libraries and textures. Raises InputError TXF-I20 with the line."""
+    """Read the bytes of an .obj file as a Scene. folder: of its libraries and textures. Raises InputError TXF-I20 with the
+    line."""
     rows = _sort(data, notes)
     if not rows.f:
         raise no_triangles(_beside_faces(rows))
@@ -357,8 +358,7 @@ def _plain(name):
 
 def write_obj_textured(texf: Texf, mesh: Textured, mtl_name: str) -> Iterator[bytes]:
     """Yield the pieces of an OBJ file with shading normals, and texture coordinates, v upwards, if there are images. mesh: the
-    decoded stream's mesh with images; mtl_name: file name of
-    the library."""
+    decoded stream's mesh with images; mtl_name: file name of the library."""
     yield f"# texfcodec\nmtllib {mtl_name}\n".encode()
     yield _write_rows(f"v {_number(texf)} {_number(texf)} {_number(texf)}\n", texf.positions)
     place = None

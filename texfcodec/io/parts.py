@@ -108,7 +108,8 @@ class Part:
 
 
 def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:
-    """Name alpha below 1 in colours as dropped, for formats that define no transparency."""
+    """Record in notes that alpha is dropped if any is below 1, for formats that define no transparency. color: [..., 4] or
+    None."""
     if color is not None and (color[..., 3] < 1).any():
         notes.drop("alpha of the colours (the format does not define transparency)")
 

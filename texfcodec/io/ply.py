@@ -50,7 +50,7 @@ _WRITTEN = ("red", "green", "blue", "alpha")
 
 
 def read_ply(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """Bytes of a .ply file -> Scene. folder: of its textures. Raises InputError TXF-I21."""
+    """Read the bytes of a .ply file as a Scene. folder: of its textures. Raises InputError TXF-I21."""
     header, tables = read_tables(data)
     vertex, face = tables.get("vertex", {}), tables.get("face", tables.get("faces", {}))
     if any(axis not in vertex or isinstance(vertex[axis], tuple) for axis in "xyz"):

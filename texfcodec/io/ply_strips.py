@@ -16,9 +16,8 @@ _JUMP = 8.0  # times the usual edge of a range grid; a longer one joins what the
 
 def strip_triangles(values: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     """Return the triangles int64 [F, 3] of triangle strips. values: their vertex indices, strip after strip; lengths: number of
-    indices of each. A negative index, or the largest of an unsigned type,
-    ends a strip and begins another. Every second triangle of a strip is reversed; triangles that use a vertex twice are left
-    out."""
+    indices in each of the file's lists. A negative index, or the largest of an unsigned type, ends a strip and begins another.
+    Every second triangle of a strip is reversed; triangles that use a vertex twice are left out."""
     indices = _restarts_negative(np.asarray(values))
     starts = np.zeros(len(indices) + 1, bool)
     starts[np.cumsum(lengths) - lengths] = True
@@ -42,8 +41,7 @@ def _restarts_negative(values):
 
 
 def grid_triangles(points: np.ndarray, indices: np.ndarray, lengths: np.ndarray, comments: list[str], notes: Notes) -> np.ndarray:
-    """Return the triangles int64 [F, 3] of a range scan: up to two between four neighbours of its grid, facing the scanner along
-    +z.
+    """Return the triangles int64 [F, 3] of a range grid: up to two between four neighbours, facing the scanner along +z.
 
     points: [V, 3]; indices, lengths: values and lengths of its lists, which hold a vertex or nothing; comments: obj_info of the
     header, which gives the numbers of columns and rows. Triangles with edges far longer than the median are jumps in depth and

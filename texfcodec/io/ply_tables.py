@@ -42,14 +42,13 @@ class PlyHeader:
 
 
 def malformed(what: str, **details: object) -> InputError:
-    """Return the error for a PLY file that does not follow its format. what: the message; details: values for the error's
-    report."""
+    """Return the error for a PLY file that does not follow its format. what: the message; details: values beside it."""
     return InputError("TXF-I21", f"the PLY file is malformed: {what}", **details)
 
 
 def read_tables(data: bytes) -> tuple[PlyHeader, dict[str, dict]]:
-    """Bytes of a .ply file -> (header, {element: {property: array [n], or for lists (values [sum], lengths [n])}}). Names are in
-    lower case. Raises InputError TXF-I21."""
+    """Parse the bytes of a .ply file: (header, {element: {property: array [n], or for lists (values [sum], lengths [n])}}). Names
+    are in lower case. Raises InputError TXF-I21."""
     header = _read_header(data)
     return header, _read_elements(data, header)
 

@@ -34,8 +34,7 @@ def counting(sizes: np.ndarray) -> np.ndarray:
 
 
 def triangulate(points: np.ndarray, corners: np.ndarray, sizes: np.ndarray, notes: Notes) -> tuple[np.ndarray, np.ndarray]:
-    """Cut polygons in space into triangles: (int64 [F, 3] corner numbers, int64 [F] polygon of each triangle), polygon by
-    polygon.
+    """Cut polygons in space into triangles: (int64 [F, 3] corner numbers, int64 [F] polygon of each triangle), in order.
 
     points: float [V, 3]; corners: int64 [C] point of each corner, one polygon after another; sizes: int64 [P] corners per
     polygon. Corner numbers count through all polygons, so that they also index UVs and colours of corners. Every triangle

@@ -23,8 +23,7 @@ def is_trimesh(thing: object) -> bool:
 
 
 def read_trimesh(thing: Any, notes: Notes) -> Scene:
-    """Convert a trimesh.Trimesh or trimesh.Scene to a Scene. In trimesh v points upwards and colours are sRGB-coded 8-bit
-    values."""
+    """Convert a trimesh.Trimesh or trimesh.Scene to a Scene. In trimesh v points upwards and colours are 8-bit sRGB."""
     shelf, materials, parts = TextureShelf(notes), [], []
     for label, mesh, matrix in _placed(thing, notes):
         materials.append(_material(mesh, shelf, notes, label))

@@ -19,8 +19,8 @@ def are_lit(texf: Texf) -> bool:
 
 
 def distinct_normals(texf: Texf) -> tuple[np.ndarray, np.ndarray]:
-    """Return (the distinct shading normals of face corners, float64 [N, 3] with four decimals; index of each corner's, int64
-    [F, 3])."""
+    """Return (the distinct shading normals of face corners, float64 [N, 3] with four decimals; their index at each
+    corner, int64 [F, 3])."""
     steps = np.rint(texf.shading_normals().reshape(-1, 3).astype(np.float64) * _STEPS).astype(np.int64) + _STEPS
     packed = (steps[:, 0] << 40) + (steps[:, 1] << 20) + steps[:, 2]
     kinds, index = np.unique(packed, return_inverse=True)

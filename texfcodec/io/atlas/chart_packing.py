@@ -18,8 +18,7 @@ _TRIALS = 8  # densities tried; each packs everything once
 
 
 def upright(flat: np.ndarray, chart: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Turn each chart so that its bounding box is smallest, parallel to the axes and at least as high as wide; put it at the
-    origin.
+    """Turn each chart so that its bounding box is smallest and upright, and move its corner to the origin.
 
     flat: float64 [F, 3, 2]; chart: int64 [F] in 0..count-1. Returns (flat float64 [F, 3, 2], extent float64 [count, 2]).
     """

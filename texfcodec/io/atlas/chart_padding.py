@@ -22,7 +22,7 @@ def continue_over_borders(image: np.ndarray, system: AtlasSystem) -> np.ndarray:
     """Fill uncovered texels within REACH of a chart's border with the values of the chart across that border, in place.
 
     image: uint8 [H, W, C], with its covered texels baked. Borders on sharp edges of the surface are skipped. Returns whether each
-    texel was filled, bool [H, W]. """
+    texel was filled, bool [H, W]."""
     half, ends = system.borders
     level = (system.normals[half[0] // 3] * system.normals[half[1] // 3]).sum(axis=1) > LEVEL
     half, ends = half[:, level], np.ascontiguousarray(ends[:, level])

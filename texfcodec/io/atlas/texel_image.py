@@ -20,16 +20,14 @@ if TYPE_CHECKING:
 
 
 def texel_support(part: Field, name: str = BASE_COLOUR.name) -> TexelSupport:
-    """Return where a channel has values in a field over texels: the support of its plane. part: the field; name: of the
-    channel."""
+    """Return where a channel has values in a field over texels: the support of its plane. name: of the channel."""
     support = part.support_of(name)
     assert isinstance(support, TexelSupport), "the field is over voxels"
     return support
 
 
 def texel_image(texf: Texf, number: int) -> np.ndarray:
-    """Return the image of field `number`, which is over texels, at the decoded level: uint8 [H, W, 3], or [H, W, 4] if its alpha
-    is not always 255.
+    """Return the decoded image of field `number`, which is over texels: uint8 [H, W, 3], or [H, W, 4] if any alpha is below 255.
 
     texf: decoded stream (Texf). Colours are sRGB-coded, alpha is straight, row 0 is at v = 0. Texels that no face refers to
     continue the colours beside them, in the blocks that mip levels average. Blocks end at the border of the image, so that this

@@ -212,6 +212,5 @@ def smallest(name: str, column: Column) -> Column:
 
 
 def index_type(count: int) -> type:
-    """Return the smallest unsigned type of indices into `count` vertices: uint16 or uint32. The index 65535 is reserved for
-    restarts."""
+    """Return the type of indices into `count` vertices, uint16 or uint32; the index 65535 is reserved for restarts."""
     return np.uint16 if count <= 65535 else np.uint32

@@ -7,8 +7,7 @@ from ...errors import InputError
 
 
 def malformed(what: str, **details: object) -> InputError:
-    """Return the error for JSON that does not follow the glTF schema. what: the message; details: values for the error's
-    report."""
+    """Return the error for JSON that does not follow the glTF schema. what: the message; details: values beside it."""
     return InputError("TXF-I09", f"the glTF structure is malformed: {what}", **details)
 
 

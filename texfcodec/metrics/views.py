@@ -109,7 +109,8 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
 
     Notes
     -----
-    Rendered values are rounded to 8 bits and PSNR has peak 255; None is lossless. rgb is the PSNR of the mean of the three
+    Rendered values are rounded to 8 bits and PSNR has peak 255; None is lossless. psnr is over pixels that both sides cover, the
+    counted ones; "pixels": their number. rgb is the PSNR of the mean of the three
     errors, yuv that of (6 Y + U + V) / 8 of the mean squared errors (not of the decibels, as psnr_yuv611 is). union_psnr is over
     pixels that either side covers, on white.
     ssim is the mean over all counted pixels and the RGB channels, on white. lpips is the mean over views with a counted pixel, of

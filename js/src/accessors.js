@@ -10,13 +10,23 @@ export const NAME = 'TEXF_stream', ARRAY = 34962, INDICES = 34963; // targets of
 const KINDS = {5120: Int8Array, 5121: Uint8Array, 5122: Int16Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array};
 /** @type {Object<string, number>} */
 const WIDTHS = {SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4};
-const MOST_BYTES = 2 ** 30; // of a view or an accessor
+const MOST_BYTES = 2 ** 30, MOST_IMPLICIT = 2 ** 24; // bytes of a view, and elements of an accessor without one
 
 /** @param {string} message @param {string} finding */
 export const invalid = (message, finding = 'TXF-I09') => new TexfError('invalid', message, {finding});
 
 /** @param {any} value @returns {value is number} */
 export const isIndex = (value) => Number.isSafeInteger(value) && value >= 0;
+
+/** What a function gives; a tree that is not as glTF has it is a TexfError. @template T @param {() => Promise<T>} work @returns {Promise<T>} */
+export async function wellFormed(work) {
+  try {
+    return await work();
+  } catch (error) {
+    if (error instanceof TypeError) throw invalid(`the file is not as glTF has it: ${error.message}`);
+    throw error;
+  }
+}
 
 /** An entry of an array of the tree. @param {any} root @param {string} kind @param {any} number @returns {any} */
 export function entryOf(root, kind, number) {
@@ -29,11 +39,12 @@ export function entryOf(root, kind, number) {
 export async function readAccessor(root, number, viewOf) {
   const {count, type, componentType, sparse, ...place} = entryOf(root, 'accessors', number), Kind = KINDS[componentType], width = WIDTHS[type];
   if (!Kind || !width || !isIndex(count) || count < 1) throw invalid(`accessor ${number} has an unexpected type or count`);
-  if (count * width * Kind.BYTES_PER_ELEMENT > MOST_BYTES) throw new TexfError('limit', `accessor ${number} is too large`, {finding: 'TXF-I41', value: count});
+  if (!('bufferView' in place) && count > MOST_IMPLICIT) throw new TexfError('limit', `accessor ${number} has too many elements`, {finding: 'TXF-I41', value: count, allowed: MOST_IMPLICIT});
   const rows = async (/** @type {any} */ from, /** @type {any} */ Type, /** @type {number} */ size, /** @type {number} */ many) => {
     const {byteStride: stride = size} = entryOf(root, 'bufferViews', from.bufferView), {byteOffset: offset = 0} = from;
-    const bytes = await viewOf(from.bufferView), out = new Uint8Array(many * size);
+    const bytes = await viewOf(from.bufferView);
     if (!isIndex(offset) || !(stride >= size) || offset + stride * (many - 1) + size > bytes.length) throw invalid(`accessor ${number} exceeds its bufferView`, 'TXF-I11');
+    const out = new Uint8Array(many * size);
     for (let i = 0; i < many; i++) out.set(bytes.subarray(offset + i * stride, offset + i * stride + size), i * size);
     return new Type(out.buffer);
   };

@@ -1,6 +1,6 @@
 /** expand(): a GLB with coded primitives -> an ordinary GLB, for hosts that have no plug-in. */
 
-import {Added, entryOf, inflated, invalid, NAME, within, without} from './accessors.js';
+import {Added, entryOf, inflated, invalid, NAME, wellFormed, within, without} from './accessors.js';
 import {isContainer, unfold} from './container.js';
 import {decode, TexfError} from './index.js';
 import {pngOf} from './png.js';
@@ -20,11 +20,17 @@ const KNOWN = ['KHR_materials_', 'KHR_texture_', 'EXT_texture_', 'KHR_xmp', 'KHR
  * @returns {Promise<ArrayBuffer>} the file itself if it has no coded primitives; rejected with a TexfError, whose code is 'unsupported'
  *   if a field over voxels needs an atlas, which texf-dec makes
  */
-export async function expand(file, {decoder = null, limits = {}, signal} = {}) {
+export function expand(file, {decoder = null, limits = {}, signal} = {}) {
+  return wellFormed(() => expanded(file, (stream) => (decoder ?? {decode}).decode(stream, {limits, signal})));
+}
+
+/** @param {ArrayBuffer} file @param {(stream: Uint8Array) => Promise<import('./index.js').Asset>} decoded */
+async function expanded(file, decoded) {
   const {root, binary} = readGlb(file);
   if (!isContainer(root)) return file;
-  const source = new Source(root, binary), before = held(root), hasUnknown = (root.extensionsUsed ?? []).some((/** @type {any} */ name) => !KNOWN.some((known) => String(name).startsWith(known)));
-  const {views, pictures, voxels} = await unfold(root, (number) => source.view(number), (stream) => (decoder ?? {decode}).decode(stream, {limits, signal}));
+  const source = new Source(root, binary), before = held(root);
+  const hasUnknown = (root.extensionsUsed ?? []).some((/** @type {any} */ name) => !KNOWN.some((known) => String(name).startsWith(known)));
+  const {views, pictures, voxels} = await unfold(root, (number) => source.view(number), decoded);
   if (voxels.size > 0) throw new TexfError('unsupported', 'an image of this file is a field over voxels, of which texf-dec makes an atlas');
   const added = new Added(root);
   for (const [texture, picture] of pictures) {

@@ -299,7 +299,7 @@ function standardMaterial(material) {
  * @param {any} to @param {Material} material @param {Field} field @returns {[string, (string|null)[], boolean][]} */
 function mapsOf(to, material, {planar, planes}) {
   const has = (/** @type {string} */ name) => name in planes && (name === 'base_colour' || name === 'alpha' || material.channels.includes(name.replace('_object', '')));
-  const taken = to instanceof MeshPhysicalMaterial ? null : material.unlit ? ['map'] : STANDARD;
+  const taken = to instanceof MeshPhysicalMaterial ? null : to instanceof MeshBasicMaterial ? ['map'] : STANDARD;
   return CHANNEL_MAPS.filter(([property]) => !taken || taken.includes(property)).map(([property, channels, isColour = false]) => {
     const four = !planar && property.endsWith('ormalMap') ? Array(3).fill(`${channels[0]}_object`) : channels;
     return /** @type {[string, (string|null)[], boolean]} */ ([property, four.map((name) => (name && has(name) ? name : null)), isColour]);

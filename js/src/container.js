@@ -75,16 +75,14 @@ export function isEmpty(root, number) {
  * lie in several fields becomes one for each.
  *
  * @param {any} root @param {ViewOf} viewOf @param {(stream: Uint8Array) => Promise<Asset>} decode
- * @param {boolean} makesTangents whether all primitives with a normal map get tangents, not only those that name them: three.js draws
- *   them on mirrored nodes otherwise than without
  * @returns {Promise<Unfolded>} rejected with a TexfError
  */
-export async function unfold(root, viewOf, decode, makesTangents) {
+export async function unfold(root, viewOf, decode) {
   const {streams} = root.extensions[NAME];
   if (!Array.isArray(streams)) throw invalid(`'streams' of ${NAME} is not an array of indices`);
   streams.forEach((number) => entryOf(root, 'bufferViews', number));
   const assets = await Promise.all(streams.map(async (number) => decode(await viewOf(number))));
-  const unfolding = new Unfolding(root, assets, viewOf, makesTangents);
+  const unfolding = new Unfolding(root, assets, viewOf);
   for (const mesh of root.meshes ?? []) {
     const plain = [];
     for (const primitive of mesh.primitives ?? []) plain.push(...(primitive.extensions && NAME in primitive.extensions ? await unfolding.primitive(primitive) : [primitive]));
@@ -94,9 +92,8 @@ export async function unfold(root, viewOf, decode, makesTangents) {
 }
 
 class Unfolding {
-  /** @param {any} root @param {Asset[]} assets @param {ViewOf} viewOf @param {boolean} makesTangents */
-  constructor(root, assets, viewOf, makesTangents) {
-    this.makesTangents = makesTangents;
+  /** @param {any} root @param {Asset[]} assets @param {ViewOf} viewOf */
+  constructor(root, assets, viewOf) {
     this.root = root;
     this.assets = assets;
     this.viewOf = viewOf;
@@ -125,7 +122,7 @@ class Unfolding {
       without(plain, NAME);
       if (look.number !== undefined) plain.material = look.number;
       const needsNormals = look.hasNormals || (primitive.targets ?? []).some((/** @type {any} */ target) => 'NORMAL' in target);
-      const hasTangents = look.hasNormals && !look.isVoxels && (this.makesTangents || 'TANGENT' in primitive.attributes);
+      const hasTangents = look.hasNormals && !look.isVoxels && 'TANGENT' in primitive.attributes; // viewers draw a source without them
       const {values, index, vertex} = this.surfaces[coded.stream].patch(coded, field, corners, {needsNormals, hasTangents});
       if (look.isVoxels) plain.attributes[PLACE] = this.added.addAccessor(values.place, 'VEC3', {}, ARRAY);
       this.write(plain, values, look, coded.texCoord);

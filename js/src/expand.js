@@ -30,7 +30,7 @@ async function expanded(file, decoded) {
   if (!isContainer(root)) return file;
   const source = new Source(root, binary), before = held(root);
   const hasUnknown = (root.extensionsUsed ?? []).some((/** @type {any} */ name) => !KNOWN.some((known) => String(name).startsWith(known)));
-  const {views, pictures, voxels} = await unfold(root, (number) => source.view(number), decoded, true);
+  const {views, pictures, voxels} = await unfold(root, (number) => source.view(number), decoded);
   if (voxels.size > 0) throw new TexfError('unsupported', 'an image of this file is a field over voxels, of which texf-dec makes an atlas');
   const added = new Added(root);
   for (const [texture, picture] of pictures) {

@@ -2,6 +2,7 @@
 
 import io
 import json
+import struct
 
 import numpy as np
 from mesh_files import SQUARE, SQUARE_UV, TWO, Builder
@@ -193,3 +194,29 @@ SCENES = {scene.__name__: scene for scene in (tree, instances, spinning, skinned
 def tree_of(data):
     """The JSON of a GLB."""
     return json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+
+
+def with_tree(data, root):
+    """A GLB with another JSON."""
+    text = json.dumps(root).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + int.from_bytes(data[12:16], "little") :]
+    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
+
+
+def remembering(falls_back=False):
+    """The encoder of encode_document(), which codes equal scenes once. falls_back: a scene that is new, after the first, gets the
+    stream of the first."""
+    known = {}
+
+    def code(scene, options, report):
+        from texfcodec.api import encode_loaded
+
+        arrays = (scene.positions, scene.faces, scene.face_material, scene.corner_uv)
+        materials = [(m.texture, m.maps, tuple(m.factor), m.parameters) for m in scene.materials]
+        key = repr(([array.tobytes() for array in arrays], materials, [t.image.shape for t in scene.textures]))
+        if key not in known:
+            known[key] = next(iter(known.values())) if known and falls_back else encode_loaded(scene, options, report)
+        return known[key]
+
+    return code

@@ -166,8 +166,8 @@ def expand(gltf: Stream, options: DecodeOptions | Mapping[str, Any] | None = Non
     from .sandbox.engines import decode_by_engine
 
     options, report = options_of(DecodeOptions, options), report or Report()
-    data, _ = _file_of(gltf)
-    return expand_bytes(data, lambda stream: decode_by_engine(stream, options, report), texture_format)
+    data, folder = _file_of(gltf)
+    return expand_bytes(data, folder, lambda stream: decode_by_engine(stream, options, report), texture_format)
 
 
 def _file_of(source):

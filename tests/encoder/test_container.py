@@ -9,7 +9,6 @@ from mesh_files import load_bytes
 
 import texfcodec
 from texfcodec.encoder.container.keyframes import TOLERANCE, kept_keys
-from texfcodec.errors import InputError
 from texfcodec.io.container.references import texture_infos
 from texfcodec.io.gltf.accessor import read_accessor
 from texfcodec.io.gltf.document import open_document
@@ -122,37 +121,6 @@ def test_a_mesh_that_100_nodes_show_is_coded_once(coded):
     alone.tree |= {"nodes": [{"mesh": 0, "scale": [3, 3, 3]}], "scenes": [{"nodes": [0]}]}
     streams = [texfcodec.encode_gltf(source, OPTIONS).sizes["streams"] for source in (coded["instances"][0], alone.glb())]
     assert streams[0] == streams[1]
-
-
-@pytest.mark.parametrize(("bend", "words"), [
-    (lambda entry, root: entry.update(stream=7), "stream that is not there"),
-    (lambda entry, root: entry.update(units=[99]), "unit that is not there"),
-    (lambda entry, root: entry.update(units=[]), "unit that is not there"),
-    (lambda entry, root: entry.update(matrix=[0.0] * 16), "no inverse"),
-    (lambda entry, root: entry.update(texCoord=-1), "texCoord"),
-    (lambda entry, root: root["meshes"][1]["primitives"][0]["extensions"]["TEXF_stream"].update(units=entry["units"]),
-     "one unit"),
-    (lambda entry, root: root["extensions"]["TEXF_stream"].update(streams=3), "streams"),
-    (lambda entry, root: root["extensions"]["TEXF_stream"].update(streams=[99]), "no such entry"),
-    (lambda entry, root: root["accessors"][root["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"]].update(count=3),
-     "differ in count"),
-])
-def test_a_faulty_reference_is_a_coded_error(bend, words, coded):
-    root = tree_of(coded["skinned"][1])
-    bend(root["meshes"][0]["primitives"][0]["extensions"]["TEXF_stream"], root)
-    data = coded["skinned"][1]
-    with pytest.raises(InputError, match=words):
-        texfcodec.expand(_with_json(data, root))
-
-
-def _with_json(data, root):
-    import json
-    import struct
-
-    text = json.dumps(root).encode()
-    text += b" " * (-len(text) % 4)
-    rest = data[20 + int.from_bytes(data[12:16], "little") :]
-    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
 
 
 def test_the_tools_code_and_expand_a_scene(call, tmp_path):

@@ -14,18 +14,18 @@ ODD_WORDS = ("0", "-1", "1", "2", "1e999", "-1e999", "nan", "inf", "-inf", "1e-3
 _WORDS = re.compile(r"(\s+|[<>=\"'/,;{}\[\]])")
 
 
-def _paths(tree, path=()):
+def paths_of(tree, path=()):
     """Where everything in a tree is."""
     yield path
     children = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
     for key, child in children:
-        yield from _paths(child, (*path, key))
+        yield from paths_of(child, (*path, key))
 
 
 def bend_tree(tree: Any, choices: Choices) -> Any:
     """A copy of a JSON tree with one place left out, doubled, swapped with another, or with something odd in it."""
     tree = copy.deepcopy(tree)
-    path = choices.pick(list(_paths(tree)))
+    path = choices.pick(list(paths_of(tree)))
     if not path:
         return choices.pick(ODD_VALUES) if choices.flag(16) else tree
     holder = tree

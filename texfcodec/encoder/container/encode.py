@@ -12,10 +12,11 @@ from ...bitstream.stream import read_stream, write_stream
 from ...io.container.layout import CodedPrimitive, short_numbers, write_extension
 from ...io.container.references import texture_infos
 from ...io.container.rewritten import ARRAY, Rewritten
-from ...io.gltf.accessor import read_accessor
 from ...io.gltf.carried import EXTENSION
 from ...io.gltf.document import open_document
 from ...io.gltf.material import slot_of
+from ...io.gltf.properties import extensions
+from ...io.gltf.properties import part as part_of
 from ...io.gltf.reader import place
 from ...io.parts import assemble
 from ...scene.channels import BASE_COLOUR, BY_NAME
@@ -86,20 +87,24 @@ def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: R
         The file is at fault.
     """
     document = open_document(data, folder, KeptNotes(options.strict, options.limits))
+    out = Rewritten(document)
+    views = list(part_of(extensions(document.root), EXTENSION).get("streams", []))
+    streams: list[Encoded] = []
     with report.stage("plan"):
         plan = plan_of(document)
-    out, streams, views = Rewritten(document), [], []
     for parts in plan.streams:
         coded = _coded(plan, parts, options, report, code)
+        coded.number = len(views)
         streams.append(coded.encoded)
         views.append(out.add_view(coded.encoded.data))
-        for part in parts:
-            _write_part(document, out, plan, part, coded, len(views) - 1)
-    if views:
+        for part, units in zip(parts, coded.units, strict=True):
+            if units:
+                _write_part(document, out, plan, part, coded, units)
+    if streams:
         _write_file(document, out, plan, views)
         if not options.keep_animations:
             reduce_keyframes(document, out)
-    glb = out.glb(deflate=bool(views))
+    glb = out.glb(deflate=bool(streams))
     held = sum(len(encoded.data) for encoded in streams)
     report.remarks += plan.remarks
     return EncodedContainer(data=glb, streams=streams, sizes={"streams": held, "other": len(glb) - held},
@@ -108,11 +113,13 @@ def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: R
 
 @dataclass(kw_only=True)
 class _Coded:
-    """A coded stream. texf: decoded; units: geometry units of each material number, which is the number of the part."""
+    """A coded stream. texf: decoded; units: geometry units of each material number, which is the number of the part; number: of
+    the stream in the file."""
 
     encoded: Encoded
     texf: Texf
     units: list[tuple[int, ...]]
+    number: int = 0
 
 
 def _coded(plan: Plan, parts: list[CodedPart], options, report, code) -> _Coded:
@@ -168,12 +175,9 @@ def _scene(plan, parts) -> Scene:
     return scene
 
 
-def _write_part(document: Document, out: Rewritten, plan: Plan, part: CodedPart, coded: _Coded, stream: int) -> None:
+def _write_part(document: Document, out: Rewritten, plan: Plan, part: CodedPart, coded: _Coded, units: tuple[int, ...]) -> None:
     """Write a primitive: its units, and the values that are stored in their vertex order."""
-    number = plan.streams[stream].index(part)
-    units, texf = coded.units[number], coded.texf
-    if not units:
-        return
+    texf = coded.texf
     primitive = out.root["meshes"][part.mesh]["primitives"][part.number]
     points = np.asarray(place(part.part, part.place).positions, np.float64)
     faces = np.asarray(part.part.faces, np.int64)
@@ -184,7 +188,7 @@ def _write_part(document: Document, out: Rewritten, plan: Plan, part: CodedPart,
         lined = line_up(texf, units, points, faces, _equal_rows([values[rows] for values, *_ in stored.values()], len(points)))
         count, splits = len(lined.source), lined.splits
         _write_stored(document, out, primitive, stored, rows[lined.source])
-    description = CodedPrimitive(mesh=part.mesh, number=part.number, stream=stream, units=units,
+    description = CodedPrimitive(mesh=part.mesh, number=part.number, stream=coded.number, units=units,
                                  matrix=np.linalg.inv(part.place), texcoord=plan.texcoord[part.material], splits=splits)
     texcoord = description.texcoord if plan.slots[part.material] else None
     in_mesh = points[np.unique(faces)] @ description.matrix[:3, :3].T + description.matrix[:3, 3]
@@ -196,12 +200,8 @@ def _write_part(document: Document, out: Rewritten, plan: Plan, part: CodedPart,
 def _stored_arrays(document, plan, part):
     """Return {place in the primitive: (values [V, k], accessor)} of what is stored: attributes by name, targets by (n, name)."""
     primitive = document.entries("meshes")[part.mesh]["primitives"][part.number]
-    attributes = plan.reader.attributes(part.mesh, part.number, part.stored)
-    arrays = {name: (values, primitive["attributes"][name]) for name, values in attributes.items()}
-    for n, target in enumerate(primitive.get("targets", ())):
-        arrays |= {(n, name): (read_accessor(document, number, ("VEC2", "VEC3", "VEC4")), number)
-                   for name, number in target.items()}
-    return arrays
+    return {key: (values, primitive["targets"][key[0]][key[1]] if isinstance(key, tuple) else primitive["attributes"][key])
+            for key, values in plan.reader.stored(part.mesh, part.number).items() if isinstance(key, tuple) or key in part.stored}
 
 
 def _equal_rows(arrays, count):
@@ -264,7 +264,8 @@ def _write_file(document, out, plan, views):
             info = slot_of(out.root["materials"][number], BASE_COLOUR if name == BASE_COLOUR.name else BY_NAME[name])
             empty = out.add("textures", {}) if empty is None else empty
             info["index"] = empty
-    draco = any(_DRACO in primitive.get("extensions", {}) for mesh in out.root["meshes"] for primitive in mesh["primitives"])
+    draco = any(_DRACO in primitive.get("extensions", {}) for mesh in out.root["meshes"]
+                for primitive in mesh.get("primitives", []))
     if not draco:
         out.drop_extension(_DRACO)
     for name in ("KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds"):

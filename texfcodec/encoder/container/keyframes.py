@@ -47,10 +47,11 @@ def reduce_keyframes(document: Document, out: Rewritten) -> int:
 
 def _reduce(document, out, entry, copy, is_rotation):
     """Reduce the keyframes of a sampler; return how many are left out."""
-    times = read_accessor(document, entry["input"], ("SCALAR",))[:, 0]
-    stored = read_accessor(document, entry["output"], _KINDS)
+    times = read_accessor(document, entry.get("input"), ("SCALAR",))[:, 0]
+    stored = read_accessor(document, entry.get("output"), _KINDS)
     mode = entry.get("interpolation", "LINEAR")
-    if mode not in ("LINEAR", "STEP") or len(times) != len(stored) or len(times) < 3 or stored.dtype != np.float32 \
+    if mode not in ("LINEAR", "STEP") or len(times) != len(stored) or len(times) < 3 \
+            or {times.dtype, stored.dtype} != {np.dtype(np.float32)} \
             or not (np.isfinite(times).all() and np.isfinite(stored).all() and (np.diff(times) > 0).all()):
         return 0
     kept = kept_keys(times.astype(np.float64), stored.astype(np.float64), mode, is_rotation)

@@ -82,6 +82,7 @@ class Plan:
     remarks: list[str]
 
 
+@np.errstate(all="ignore")  # overflow and NaN are values that primitives are left out for
 def plan_of(document: Document) -> Plan:
     """Return the Plan of a file. Raises InputError, LimitError, SupportError."""
     notes, shelf = document.notes, TextureShelf(document.notes)
@@ -127,8 +128,10 @@ def _read_part(reader, mesh, number, primitive, remarks):
         part = reader.unposed(mesh, number)
         if part is None or not len(part.faces) or part.faces.max() >= len(part.positions):
             return None
+        reader.stored(mesh, number)  # so that nothing fails once it is coded
         used = np.asarray(part.positions, np.float64)[part.faces]
-        return part if np.isfinite(used).all() and np.ptp(used.reshape(-1, 3), axis=0).any() else None
+        area = np.cross(used[:, 1] - used[:, 0], used[:, 2] - used[:, 0])
+        return part if np.isfinite(used).all() and area.any() else None
     except LimitError:
         raise
     except TexfError as error:
@@ -145,7 +148,7 @@ def _pinned_materials(document, idle):
     for animation in document.entries("animations"):
         for channel in animation.get("channels", []):
             pointer = str(extensions(channel.get("target", {})).get("KHR_animation_pointer", {}).get("pointer", "")).split("/")
-            if pointer[1:2] == ["materials"] and "KHR_texture_transform" in pointer and pointer[2].isdigit():
+            if pointer[1:2] == ["materials"] and "KHR_texture_transform" in pointer and pointer[2].isdecimal():
                 pinned.add(int(pointer[2]))
     for number, entry in enumerate(document.entries("materials")):
         if _SPECULAR_GLOSSINESS in extensions(entry):
@@ -197,20 +200,19 @@ def _place_parts(document, parts):
     """Place each part where the largest node that shows its mesh stands at rest; meshes that deform stay in mesh space."""
     worlds = _worlds(document)
     for part in parts:
-        candidates = worlds.get(part.mesh, [])
-        if not candidates or part.has_targets or "JOINTS_0" in part.stored:
+        world = worlds.get(part.mesh)
+        if world is None or part.has_targets or "JOINTS_0" in part.stored:
             continue
-        world = max(candidates, key=lambda matrix: abs(np.linalg.det(matrix[:3, :3])))
-        size, condition = np.linalg.det(world[:3, :3]), np.linalg.cond(world[:3, :3])
-        if size > 1e-30 and condition < 1e4 and np.isfinite(world).all():
+        if 1e-30 < np.linalg.det(world[:3, :3]) < 1e30 and np.linalg.cond(world[:3, :3]) < 1e4:
             part.place = world
 
 
-def _worlds(document) -> dict[int, list[np.ndarray]]:
-    """Return the world matrices of all nodes with a mesh, by mesh. Nodes on a cycle have none."""
+def _worlds(document) -> dict[int, np.ndarray]:
+    """Return the largest world matrix of the nodes that show a mesh, by mesh. Nodes on a cycle have none."""
     nodes = document.entries("nodes")
     children = {child for node in nodes for child in references(node, "children")}
-    result: dict[int, list[np.ndarray]] = {}
+    result: dict[int, np.ndarray] = {}
+    sizes: dict[int, float] = {}
     pending: list[tuple[int, Any]] = [(n, np.eye(4)) for n in range(len(nodes)) if n not in children]
     seen: set[int] = set()
     while pending:
@@ -219,8 +221,9 @@ def _worlds(document) -> dict[int, list[np.ndarray]]:
             continue
         seen.add(number)
         world = above @ local_matrix(nodes[number])
-        if is_index(nodes[number].get("mesh")):
-            result.setdefault(nodes[number]["mesh"], []).append(world)
+        mesh, size = nodes[number].get("mesh"), abs(np.linalg.det(world[:3, :3]))
+        if is_index(mesh) and np.isfinite(world).all() and size > sizes.get(mesh, -1.0):
+            result[mesh], sizes[mesh] = world, size
         pending += [(child, world) for child in references(nodes[number], "children")]
     return result
 

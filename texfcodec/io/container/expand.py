@@ -17,7 +17,7 @@ from ..gltf.accessor import read_accessor
 from ..gltf.carried import EXTENSION
 from ..gltf.document import open_document
 from ..gltf.material import slot_of
-from ..gltf.properties import extensions, part
+from ..gltf.properties import extensions, integer, malformed, part
 from ..gltf.writer import corner_columns, sampler_of
 from ..output_textures import textured
 from ..parts import Notes
@@ -34,19 +34,19 @@ if TYPE_CHECKING:
     from .layout import CodedPrimitive
 
 
-def expand_bytes(data: bytes, decode: Callable[[bytes], Texf], texture_format: str = AUTO, notes: Notes | None = None) -> bytes:
+def expand_bytes(data: bytes, folder: Path, decode: Callable[[bytes], Texf], texture_format: str = AUTO) -> bytes:
     """Return an ordinary GLB of a file whose primitives are coded in streams.
 
     Parameters
     ----------
     data : bytes
-        A GLB, or a .gltf whose buffers are in the text.
+        A .glb or .gltf file.
+    folder : Path
+        Base of relative URIs.
     decode : function
         Stream -> Texf.
     texture_format : str
         As of SaveOptions.
-    notes : Notes, optional
-        Of the reader.
 
     Returns
     -------
@@ -58,15 +58,16 @@ def expand_bytes(data: bytes, decode: Callable[[bytes], Texf], texture_format: s
     InputError, StreamError, LimitError, SupportError
         The file or a stream is at fault.
     """
-    document = open_document(data, Path(), notes or Notes())
+    document = open_document(data, folder, Notes())
     return expanded(document, decode, texture_format) if is_container(document.root) else data
 
 
+@np.errstate(all="ignore")  # positions that overflow are refused
 def expanded(document: Document, decode: Callable[[bytes], Texf], texture_format: str = AUTO) -> bytes:
     """Return an ordinary GLB of a container, as expand_bytes()."""
+    out = Rewritten(document)
     streams = [decode(stream) for stream in streams_of(document)]
     primitives = read_primitives(document, [len(texf.units) for texf in streams])
-    out = Rewritten(document)
     for number, texf in enumerate(streams):
         _Expansion(document, out, texf, [p for p in primitives if p.stream == number]).write(texture_format)
     out.root["extensions"].pop(EXTENSION)
@@ -163,6 +164,8 @@ class _Expansion:
         mirrored = np.linalg.det(linear) < 0
         position = texf.positions[texf.faces[rows].reshape(-1)] @ linear.T + coded.matrix[:3, 3]
         values = {"POSITION": position.astype(np.float32)}
+        if not np.isfinite(values["POSITION"]).all():
+            raise malformed("the matrix of a primitive takes positions beyond float32")
         needs_normals = any("NORMAL" in target for target in entry.get("targets", ()))
         if columns["NORMAL"].any() or needs_normals:
             normal = columns["NORMAL"] if columns["NORMAL"].any() else texf.shading_normals()[rows].reshape(-1, 3)
@@ -190,13 +193,16 @@ class _Expansion:
             number = attributes[name] = self.out.add_accessor(column, f"VEC{column.shape[1]}", target=ARRAY)
             if name == "POSITION":
                 self.out.root["accessors"][number] |= {"min": column.min(axis=0).tolist(), "max": column.max(axis=0).tolist()}
-        for name, number in entry["attributes"].items():
+        for name, number in entry.get("attributes", {}).items():
             if name not in values and _is_stored(self.document, number):
                 attributes[name] = self._repeated(number, vertex)
         entry["attributes"] = attributes
+        repeated: dict[int, int] = {}
         for target in entry.get("targets", ()):
             for name, number in target.items():
-                target[name] = self._repeated(number, vertex, is_target=True)
+                if number not in repeated:
+                    repeated[number] = self._repeated(number, vertex, is_target=True)
+                target[name] = repeated[number]
 
     def _repeated(self, number, vertex, is_target=False):
         """Return the number of a new accessor with the values of stored vertices."""
@@ -220,7 +226,7 @@ def _stored_count(document, primitive):
     differ."""
     numbers = [n for n in part(primitive, "attributes").values() if _is_stored(document, n)]
     numbers += [n for target in primitive.get("targets", ()) for n in target.values()]
-    counts = {document.entry("accessors", n).get("count") for n in numbers}
+    counts = {integer(document.entry("accessors", n), "count", low=1) for n in numbers}
     if len(counts) > 1:
         raise InputError("TXF-I09", "the stored attributes of a primitive differ in count", value=sorted(map(str, counts)))
     return counts.pop() if counts else None

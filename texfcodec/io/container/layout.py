@@ -92,7 +92,11 @@ def streams_of(document: Document) -> list[bytes]:
     views = part(extensions(document.root), EXTENSION).get("streams")
     if not isinstance(views, list) or not all(is_index(view) for view in views):
         raise malformed(f"'streams' of {EXTENSION} is not an array of indices")
-    return [bytes(document.view(view)[0]) for view in views]
+    streams = [bytes(document.view(view)[0]) for view in views]
+    held = sum(len(document.buffer(number)) for number in {document.entry("bufferViews", view).get("buffer") for view in views})
+    if sum(map(len, streams)) > held:  # a small file could ask for any amount of work
+        raise malformed("streams overlap", value=sum(map(len, streams)), allowed=held)
+    return streams
 
 
 def read_primitives(document: Document, unit_counts: list[int]) -> list[CodedPrimitive]:
@@ -129,7 +133,10 @@ def _read_primitive(document, entry, place, unit_counts):
     if not is_index(texcoord):
         raise malformed("'texCoord' is not an index", value=str(texcoord)[:20])
     if "splits" in entry:
-        splits = read_accessor(document, entry["splits"], ("VEC2",)).astype(np.int64)
+        stored = read_accessor(document, entry["splits"], ("VEC2",))
+        if stored.dtype.kind != "u":
+            raise malformed("the splits of a primitive are not unsigned integers", value=str(stored.dtype))
+        splits = stored.astype(np.int64)
     return CodedPrimitive(mesh=place[0], number=place[1], stream=stream, units=tuple(units), matrix=matrix, texcoord=texcoord,
                           splits=splits)
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core.json_text import json_text
-from ..gltf.accessor import rows_of_view, shape_of
+from ...errors import InputError
+from ..gltf.accessor import is_readable, rows_of_view, shape_of
 from ..gltf.meshopt import EXTENSIONS as MESHOPT
-from ..gltf.properties import extensions
+from ..gltf.properties import extensions, integer
 from .references import references
 
 if TYPE_CHECKING:
@@ -25,18 +26,19 @@ def pack_accessors(file: Rewritten) -> None:
     Accessors that are sparse or compressed, and bufferViews that something else refers to, stay as they are.
     """
     uses, bounded = _uses(file)
+    plain = {number: values for number in uses if (values := _values(file, number)) is not None}
     groups: dict[tuple, bytearray] = {}
     places: dict[tuple, int] = {}
     placed: list[tuple[dict, tuple]] = []
-    for number, use in uses.items():
+    for number in uses.keys() - bounded:
+        file.root["accessors"][number].pop("min", None)
+        file.root["accessors"][number].pop("max", None)
+    if _overlap(file, plain):
+        return
+    for number, values in plain.items():
         entry = file.root["accessors"][number]
-        if number not in bounded:
-            entry.pop("min", None)
-            entry.pop("max", None)
-        if not _is_plain(file, entry):
-            continue
-        rows = _rows(file, entry, number, pad=use == ATTRIBUTE)
-        group = use, rows.shape[1]
+        rows = _rows(values, pad=uses[number] == ATTRIBUTE)
+        group = uses[number], rows.shape[1]
         data = rows.tobytes()
         held = groups.setdefault(group, bytearray())
         if (group, data) not in places:
@@ -66,20 +68,29 @@ def _uses(file):
     return {number: use for number, use in uses.items() if number not in mixed}, bounded
 
 
-def _is_plain(file, entry):
-    """Return whether an accessor has all its values in a bufferView that no other extension compresses."""
-    if "sparse" in entry or "bufferView" not in entry:
-        return False
-    view = file.root["bufferViews"][entry["bufferView"]]
-    return not any(name in extensions(view) for name in MESHOPT)
+def _values(file, number):
+    """Return the values of an accessor, [N, width]; None if they are sparse, compressed by another extension, of an unknown type
+    or not all there."""
+    entry = file.root["accessors"][number]
+    if "sparse" in entry or "bufferView" not in entry or not is_readable(entry):
+        return None
+    if any(name in extensions(file.root["bufferViews"][entry["bufferView"]]) for name in MESHOPT):
+        return None
+    try:
+        return rows_of_view(file.view(entry["bufferView"]), integer(entry, "byteOffset", 0, low=0), *shape_of(entry), number)
+    except InputError:
+        return None
 
 
-def _rows(file, entry, number, pad):
-    """Return the rows of an accessor, uint8 [N, bytes]. pad: whether to multiples of four bytes."""
-    shape, dtype = shape_of(entry)
-    view = file.view(entry["bufferView"])
-    values = np.ascontiguousarray(rows_of_view(view, entry.get("byteOffset", 0), shape, dtype, number))
-    rows = values.view(np.uint8).reshape(shape[0], -1)
+def _overlap(file, plain):
+    """Return whether accessors share so many bytes that copies of each would make the file much larger."""
+    views = {file.root["accessors"][number]["bufferView"] for number in plain}
+    return sum(values.nbytes for values in plain.values()) > 2 * sum(len(file.view(view)[0]) for view in views)
+
+
+def _rows(values, pad):
+    """Return the rows of values, uint8 [N, bytes]. pad: whether to multiples of four bytes."""
+    rows = np.ascontiguousarray(values).view(np.uint8).reshape(len(values), -1)
     return np.pad(rows, ((0, 0), (0, -rows.shape[1] % 4))) if pad else rows
 
 

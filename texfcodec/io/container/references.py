@@ -6,13 +6,42 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from ..gltf.carried import EXTENSION
+from ..gltf.mesh import VARIANTS
 from ..gltf.meshopt import EXTENSIONS as MESHOPT
+from ..gltf.properties import is_index, malformed
 
 DATA = ("accessors", "bufferViews", "images", "textures", "samplers")  # arrays whose entries may be removed and renumbered
 _DRACO, _INSTANCES = "KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing"
 # Extensions whose references to DATA are known here, or that have none.
 _KNOWN = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_xmp", "KHR_lights_", "KHR_animation_pointer", "KHR_node_",
           _DRACO, "KHR_mesh_quantization", "MSFT_texture_dds", "MSFT_lod", _INSTANCES, EXTENSION, *MESHOPT)
+
+
+# Shapes of what the tree holds: an object, whose key "*" stands for all others; an array; a type; the name of an array that a
+# number refers to. Properties that are absent, or not listed, have any shape.
+_VIEW, _ACCESSORS = {"bufferView": "bufferViews"}, {"*": "accessors"}
+_TEXTURE_INFO = {"index": "textures", "extensions": {"KHR_texture_transform": {}}}
+_MATERIAL: dict = {"*": "all that texture_infos() yields"}
+_PRIMITIVE = {"attributes": _ACCESSORS, "targets": [_ACCESSORS], "indices": "accessors", "material": "materials", "extensions": {
+    _DRACO: _VIEW, EXTENSION: {"splits": "accessors"}, VARIANTS: {"mappings": [{"material": "materials"}]}}}
+_ANIMATION = {"samplers": [{"input": "accessors", "output": "accessors"}], "channels": [
+    {"sampler": int, "target": {"path": str, "extensions": {"KHR_animation_pointer": {}}}}]}
+_SHAPES: dict[str, list] = {
+    "accessors": [_VIEW | {"type": str, "componentType": int, "sparse": {"indices": _VIEW, "values": _VIEW}}],
+    "bufferViews": [{"byteLength": int, "extensions": dict.fromkeys((EXTENSION, *MESHOPT), {})}],
+    "images": [_VIEW],
+    "samplers": [{}],
+    "textures": [{"sampler": "samplers", "source": "images", "extensions": {"*": {"source": "images"}}}],
+    "materials": [_MATERIAL],
+    "meshes": [{"primitives": [_PRIMITIVE]}],
+    "skins": [{"inverseBindMatrices": "accessors"}],
+    "animations": [_ANIMATION],
+    "scenes": [{"extensions": {EXTENSION: _VIEW}}],
+    "nodes": [{"extensions": {_INSTANCES: {"attributes": _ACCESSORS}}}],
+    "extensions": [{EXTENSION: {"streams": ["bufferViews"]}}],
+    "extensionsUsed": [str],
+    "extensionsRequired": [str],
+}
 
 
 class Reference(NamedTuple):
@@ -30,8 +59,16 @@ class Reference(NamedTuple):
 
 def has_unknown_references(root: dict) -> bool:
     """Return whether the file uses an extension that may refer to entries in a way that is not known here."""
-    used = root.get("extensionsUsed", [])
-    return any(not str(name).startswith(_KNOWN) for name in used) if isinstance(used, list) else True
+    return any(not name.startswith(_KNOWN) for name in [*root.get("extensionsUsed", []), *_extension_names(root)])
+
+
+def _extension_names(value):
+    """Yield the names of extensions in a tree, also of those that the file does not declare."""
+    for key, child in value.items() if isinstance(value, dict) else ():
+        if key == "extensions" and isinstance(child, dict):
+            yield from child
+    for child in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _extension_names(child)
 
 
 def references(root: dict) -> Iterator[tuple[tuple[str, int], Reference]]:
@@ -46,39 +83,48 @@ def references(root: dict) -> Iterator[tuple[tuple[str, int], Reference]]:
     ------
     tuple of (str, int) and Reference
         Array and number of the entry that holds the reference; the reference.
+
+    Raises
+    ------
+    InputError
+        TXF-I09 where the tree has other types than _SHAPES, or a reference is no number of an entry.
     """
-    for kind, walk in _WALKS.items():
-        for number, entry in enumerate(root.get(kind, [])):
-            for reference in walk(entry):
-                if isinstance(reference.target, int):
+    arrays = {kind: [root[kind]] if kind == "extensions" else root[kind] for kind in _SHAPES if kind in root}
+    for kind, entries in arrays.items():
+        if not isinstance(entries, list):
+            raise malformed(f"'{kind}' is not an array")
+    for kind, entries in arrays.items():
+        for number in range(len(entries)):
+            for reference in _walk(entries, number, _SHAPES[kind][0], kind):
+                count = len(arrays.get(reference.kind, ()))
+                if not is_index(reference.target) or reference.target >= count:
+                    raise malformed(f"'{kind}' refers to {reference.kind} that are not there", value=str(reference.target)[:40],
+                                    allowed=count - 1)
+                if reference.kind in DATA:
                     yield (kind, number), reference
-    streams = _extension(root, EXTENSION).get("streams", [])
-    for at in range(len(streams)):
-        yield ("", 0), Reference(streams, at, "bufferViews")
 
 
-def _extension(entry, name):
-    """Return an extension's object, {} if absent."""
-    table = entry.get("extensions")
-    entry = table.get(name) if isinstance(table, dict) else None
-    return entry if isinstance(entry, dict) else {}
-
-
-def _keys(entry, kind, *keys):
-    """Return references of an object by these keys, if it has them."""
-    return [Reference(entry, key, kind) for key in keys if isinstance(entry, dict) and key in entry]
-
-
-def _of_accessor(entry):
-    sparse = entry.get("sparse", {})
-    return [reference for owner in (entry, sparse.get("indices"), sparse.get("values"))
-            for reference in _keys(owner, "bufferViews", "bufferView")]
-
-
-def _of_texture(entry):
-    named = entry.get("extensions", {})
-    return _keys(entry, "samplers", "sampler") + [reference for owner in (entry, *named.values())
-                                                  for reference in _keys(owner, "images", "source")]
+def _walk(owner, key, shape, name):
+    """Yield the References in owner[key]. name: of the property, for messages."""
+    value = owner[key]
+    if isinstance(shape, str):
+        yield Reference(owner, key, shape)
+    elif isinstance(shape, type):
+        if not isinstance(value, shape) or (shape is int and not is_index(value)):
+            raise malformed(f"'{name}' has another type", value=str(value)[:40])
+    elif isinstance(shape, list):
+        if not isinstance(value, list):
+            raise malformed(f"'{name}' is not an array")
+        for number in range(len(value)):
+            yield from _walk(value, number, shape[0], name)
+    elif not isinstance(value, dict):
+        raise malformed(f"'{name}' is not an object")
+    elif shape is _MATERIAL:
+        for info in texture_infos(value):
+            yield from _walk([info], 0, _TEXTURE_INFO, name)
+    else:
+        for part in value if "*" in shape else [part for part in shape if part in value]:
+            yield from _walk(value, part, shape[part] if part in shape else shape["*"], part)
 
 
 def texture_infos(entry: Any) -> Iterator[dict]:
@@ -88,33 +134,6 @@ def texture_infos(entry: Any) -> Iterator[dict]:
             yield value
         elif key != "extras":
             yield from texture_infos(value)
-
-
-def _of_mesh(entry):
-    for primitive in entry.get("primitives", []):
-        for attributes in (primitive.get("attributes", {}), *primitive.get("targets", [])):
-            yield from _keys(attributes, "accessors", *attributes)
-        yield from _keys(primitive, "accessors", "indices")
-        yield from _keys(_extension(primitive, _DRACO), "bufferViews", "bufferView")
-        yield from _keys(_extension(primitive, EXTENSION), "accessors", "splits")
-
-
-def _of_node(entry):
-    attributes = _extension(entry, _INSTANCES).get("attributes", {})
-    return _keys(attributes, "accessors", *attributes)
-
-
-_WALKS = {
-    "accessors": _of_accessor,
-    "images": lambda entry: _keys(entry, "bufferViews", "bufferView"),
-    "textures": _of_texture,
-    "materials": lambda entry: [Reference(info, "index", "textures") for info in texture_infos(entry)],
-    "meshes": _of_mesh,
-    "skins": lambda entry: _keys(entry, "accessors", "inverseBindMatrices"),
-    "animations": lambda entry: [reference for sampler in entry.get("samplers", [])
-                                 for reference in _keys(sampler, "accessors", "input", "output")],
-    "nodes": _of_node,
-}
 
 
 def reached(root: dict, kept: Iterable[tuple[str, int]] = ()) -> set[tuple[str, int]]:

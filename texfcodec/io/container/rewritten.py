@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.json_text import json_text
+from ...errors import InputError, LimitError
+from ..gltf.accessor import DTYPES
 from ..gltf.deflated import enc_view
 from ..gltf.document import DEFLATED
 from ..gltf.meshopt import EXTENSIONS as MESHOPT
@@ -19,9 +21,10 @@ from .references import DATA, has_unknown_references, reached, references
 if TYPE_CHECKING:
     from ..gltf.document import Document
 
-_COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+_COMPONENTS = {dtype[1:]: component for component, dtype in DTYPES.items()}
 ARRAY, INDEX = 34962, 34963  # bufferView targets
 _ALIGNMENT = 4
+MOST_BYTES = 1 << 31  # of the buffer
 _WORTH = 80  # bytes that the JSON of a deflated view takes
 PACKED = (DEFLATED, *MESHOPT)
 _IMAGES = ((0, b"\x89PNG", "image/png"), (0, b"\xff\xd8\xff", "image/jpeg"), (8, b"WEBP", "image/webp"),
@@ -38,6 +41,7 @@ class Rewritten:
         """document: the file that is copied."""
         self.document, self.root = document, deepcopy(document.root)
         self._new: dict[int, bytes] = {}
+        self._added = 0  # bytes of new views
         self._numbers: dict[int, int] = {}  # by number of a bufferView, the one before entries were removed
         self._before = reached(self.root)
 
@@ -50,6 +54,9 @@ class Rewritten:
         """Append bytes as a bufferView; return its number. properties: of the bufferView."""
         number = self.add("bufferViews", {"buffer": 0, "byteLength": len(data), **properties})
         self._new[number] = data
+        self._added += len(data)
+        if self._added > MOST_BYTES:
+            raise LimitError("TXF-I41", "the file is too large for a GLB", value=self._added, allowed=MOST_BYTES)
         return number
 
     def add_accessor(self, values: np.ndarray, kind: str, normalized: bool = False, target: int | None = None,
@@ -140,7 +147,10 @@ class Rewritten:
         """Move images that are in files, or in the text, into the buffer."""
         for number, entry in enumerate(self.root.get("images", [])):
             if "uri" in entry and number < len(self.document.root.get("images", [])):
-                data = bytes(self.document.image_bytes(number))
+                try:
+                    data = bytes(self.document.image_bytes(number))
+                except InputError:  # of a file that is not here: it keeps its name
+                    continue
                 del entry["uri"]
                 entry |= {"bufferView": self.add_view(data), "mimeType": _image_type(data) or entry.get("mimeType", "image/png")}
 
@@ -165,12 +175,10 @@ class Rewritten:
         """Store new bufferViews of accessors deflated where that saves bytes."""
         row_of: dict[int, int] = {}
         for entry in self.root.get("accessors", []):
-            if "bufferView" in entry:
-                row_of.setdefault(entry["bufferView"], row_size(entry))
+            if self._numbers.get(number := entry.get("bufferView"), number) in self._new:
+                row_of.setdefault(number, row_size(entry))
         for number, row in row_of.items():
             old, entry = self._numbers.get(number, number), self.root["bufferViews"][number]
-            if old not in self._new:
-                continue
             packed = enc_view(self._new[old], entry.get("byteStride", row))
             if len(packed) + _WORTH < len(self._new[old]):
                 self._new[old] = packed
@@ -191,13 +199,15 @@ class Rewritten:
             if packed is not None:
                 entry |= {"buffer": 1, "byteOffset": placeholder}
                 placeholder += entry["byteLength"] + -entry["byteLength"] % 8
-            pieces.append(bytes(data) + b"\0" * (-len(data) % 8))
-            length += len(pieces[-1])
+            pieces += [data, b"\0" * (-len(data) % 8)]
+            length += len(data) + len(pieces[-1])
+        if length > MOST_BYTES:
+            raise LimitError("TXF-I41", "the file is too large for a GLB", value=length, allowed=MOST_BYTES)
         self.root.pop("buffers", None)
         if pieces:
             self.root["buffers"] = [{"byteLength": length}]
         if placeholder:
-            name = next(name for name in PACKED if name in self.root.get("extensionsUsed", ()))
+            name = next(name for entry in self.root["bufferViews"] for name in PACKED if name in extensions(entry))
             self.root["buffers"].append({"byteLength": placeholder, "extensions": {name: {"fallback": True}}})
         return pieces, length
 

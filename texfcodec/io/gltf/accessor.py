@@ -6,7 +6,7 @@ from ...errors import InputError, LimitError
 from .document import Document
 from .properties import integer, malformed, part
 
-_DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5124: "<i4", 5125: "<u4", 5126: "<f4"}
+DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5124: "<i4", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 MAX_IMPLICIT = 1 << 24  # elements an accessor without data may ask for: zeros cost the file nothing, us memory
 
@@ -17,7 +17,7 @@ def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.
     kinds: allowed types, e.g. ("VEC3",). Errors: TXF-I09 malformed, TXF-I11 outside its buffer, LimitError TXF-I41.
     """
     entry = document.entry("accessors", index)
-    if entry.get("type") not in kinds or entry.get("componentType") not in _DTYPES:
+    if entry.get("type") not in kinds or not is_readable(entry):
         raise malformed(f"accessor {index} has an unexpected type", value=str(entry.get("type"))[:20],
                         component=str(entry.get("componentType"))[:20], allowed="/".join(kinds))
     shape, dtype = shape_of(entry)
@@ -34,9 +34,15 @@ def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.
     return document.sparse[index]
 
 
+def is_readable(entry: dict) -> bool:
+    """Whether shape_of() knows the types of an accessor; matrices of 2 x 2 and 3 x 3 have padding, which is not read."""
+    kind, component = entry.get("type"), entry.get("componentType")
+    return isinstance(kind, str) and kind in _WIDTHS and isinstance(component, int) and component in DTYPES
+
+
 def shape_of(entry: dict) -> tuple[tuple[int, int], np.dtype]:
     """((count, width), type of a component) of an accessor of a known type."""
-    return (integer(entry, "count", low=1), _WIDTHS[entry["type"]]), np.dtype(_DTYPES[entry["componentType"]])
+    return (integer(entry, "count", low=1), _WIDTHS[entry["type"]]), np.dtype(DTYPES[entry["componentType"]])
 
 
 def read_floats(document: Document, index: int, kinds: tuple[str, ...], normalized: bool | None = None,
@@ -84,7 +90,7 @@ def _with_sparse(document, entry, array, index):
     if where.get("componentType") not in (5121, 5123, 5125):
         raise malformed(f"accessor {index} has sparse indices of an unexpected type")
     rows = _from_view(document, where.get("bufferView"), integer(where, "byteOffset", 0, low=0), (count, 1),
-                      np.dtype(_DTYPES[where["componentType"]]), index)[:, 0]
+                      np.dtype(DTYPES[where["componentType"]]), index)[:, 0]
     values = _from_view(document, what.get("bufferView"), integer(what, "byteOffset", 0, low=0),
                         (count, array.shape[1]), array.dtype, index)
     if rows.max() >= len(array):

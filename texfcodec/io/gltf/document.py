@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..parts import Notes
 
 DEFLATED = "TEXF_stream"
+MOST_LEVELS = 100  # of the JSON tree
 GLB_MAGIC, CHUNK_JSON, CHUNK_BIN = b"glTF", 0x4E4F534A, 0x004E4942
 
 
@@ -55,8 +56,8 @@ class Document:
 
     def buffer(self, index: Any) -> memoryview:
         """The bytes of buffer `index`, exactly byteLength long."""
+        entry = self.entry("buffers", index)
         if index not in self._buffers:
-            entry = self.entry("buffers", index)
             length = integer(entry, "byteLength", low=0)
             data = self._buffer_data(entry, index)
             if len(data) < length:
@@ -83,7 +84,8 @@ class Document:
     def stored(self, index: int) -> memoryview:
         """The bytes of bufferView `index` as the file has them, compressed or not."""
         entry = self.entry("bufferViews", index)
-        return self._slice(next((extensions(entry)[name] for name in EXTENSIONS if name in extensions(entry)), entry), index)
+        packed = (part(extensions(entry), name) for name in EXTENSIONS if name in extensions(entry))
+        return self._slice(next(packed, entry), index)
 
     def _slice(self, entry, index):
         """The bytes that a bufferView, or an extension in it, refers to."""
@@ -97,7 +99,8 @@ class Document:
     def _unpacked(self, packed, entry, index):
         """The decoded bytes of a compressed bufferView; if its form is not supported, the plain copy that some files have."""
         if index not in self._decoded and DEFLATED in extensions(entry):
-            self._decoded[index] = dec_view(self._slice(packed, index), packed, entry, index)
+            spent = sum(len(self._decoded[n]) for n in self._decoded)
+            self._decoded[index] = dec_view(self._slice(packed, index), packed, entry, index, spent)
         if index not in self._decoded:
             try:
                 self._decoded[index] = decode_view(self._slice(packed, index), packed, entry, index)
@@ -149,6 +152,7 @@ def open_document(data: bytes, folder: Path, notes: Notes) -> Document:
     else:
         text, chunk = data, None
     root = _parse(text)
+    _check_depth(root)
     if not isinstance(root, dict):
         raise malformed("the top level is not an object")
     asset = root.get("asset")
@@ -193,6 +197,16 @@ def _parse(text):
         raise _no_json(error) from error
     except (ValueError, RecursionError) as error:
         raise InputError("TXF-I08", "the glTF text is not JSON", reason=str(error)[:100]) from error
+
+
+def _check_depth(root):
+    """Check that a tree has at most MOST_LEVELS levels, so that functions may recurse into it."""
+    level = [root]
+    for _ in range(MOST_LEVELS):
+        level = [child for value in level if isinstance(value, (dict, list)) and value
+                 for child in (value.values() if isinstance(value, dict) else value)]
+    if level:
+        raise malformed("objects and arrays are nested too deeply", allowed=MOST_LEVELS)
 
 
 def _no_json(error):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +24,7 @@ _DRACO = "KHR_draco_mesh_compression"
 _DRACO_TYPES = {1: np.int8, 2: np.uint8, 3: np.int16, 4: np.uint16, 5: np.int32, 6: np.uint32, 9: np.float32, 10: np.float64}
 VARIANTS = "KHR_materials_variants"  # the file's own materials are what is shown
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_STORED = ("SCALAR", "VEC2", "VEC3", "VEC4")  # types of attributes that are stored beside a stream
 _SPLATS, _SPLATS_EXTENSION = "Gaussian splats", "gaussian_splatting"
 _MODE_NAMES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip"}
 
@@ -67,11 +68,18 @@ class MeshReader:
         primitive = {key: value for key, value in entry["primitives"][number].items() if key != "targets"}
         return self._primitive(entry, primitive, f"mesh {title(entry, index)} primitive {number}", skinned=False)
 
-    def attributes(self, index: int, number: int, names: Iterable[str]) -> dict[str, np.ndarray]:
-        """Attributes of a primitive by name, [V, width] of all its vertices in their stored types."""
+    def stored(self, index: int, number: int) -> dict[str | tuple[int, str], np.ndarray]:
+        """Attributes of a primitive by name, and its morph targets by (number, name): [V, width] of all its vertices in their
+        stored types. Raises InputError TXF-I09 if they differ in count, or what reading them raises."""
         entry = self.document.entry("meshes", index)
-        source = self._source(entry["primitives"][number], f"mesh {title(entry, index)} primitive {number}")
-        return {name: source.stored(name, ("SCALAR", "VEC2", "VEC3", "VEC4")) for name in names}
+        primitive, label = entry["primitives"][number], f"mesh {title(entry, index)} primitive {number}"
+        source = self._source(primitive, label)
+        values: dict[Any, np.ndarray] = {name: source.stored(name, _STORED) for name in source.names}
+        for n, target in enumerate(primitive.get("targets", ())):
+            values |= {(n, name): read_accessor(self.document, accessor, _STORED) for name, accessor in target.items()}
+        if len({len(rows) for rows in values.values()}) > 1 or any(rows.dtype == np.float64 for rows in values.values()):
+            raise malformed(f"{label} has attributes of different counts, or in float64")
+        return values
 
     def drop_unused_uv(self) -> None:
         """Name the UV sets that no image uses."""
@@ -118,8 +126,8 @@ class MeshReader:
         view = _draco_view(primitive)
         mesh = self._draco.get(view)
         source = _Draco(self.document, primitive, label, mesh)
-        if self._shared[view] > 1:
-            self._draco[view] = source.mesh
+        self._draco = {v: mesh for v, mesh in self._draco.items() if self._shared[v] > 1}  # and the last
+        self._draco[view] = source.mesh
         return source
 
     def _slot(self, material):

@@ -65,5 +65,5 @@ def name_of(entry: dict) -> str:
 
 
 def title(entry: dict, index: int) -> str:
-    """Return how messages call an entry: by its name in quotes, or by its number, index."""
-    return f"'{name_of(entry)}'" if name_of(entry) else str(index)
+    """Return how messages call an entry: by its name in quotes, the first 80 characters of it, or by its number, index."""
+    return f"'{name_of(entry)[:80]}'" if name_of(entry) else str(index)

@@ -84,7 +84,8 @@ def test_gltfloader_draws_coded_files_as_their_sources(name, facts, files, tmp_p
     report = json.loads(run.stdout)
     source, coded, expanded = report["files"].values()
     assert source.items() >= facts.items() and coded == source == expanded
-    drawn = np.array([[np.fromfile(tmp_path / f"{n}-{t}.rgba", np.uint8).reshape(-1, 4)[:, :3] for t in range(3)] for n in range(3)])
+    drawn = np.array([[np.fromfile(tmp_path / f"{n}-{t}.rgba", np.uint8).reshape(-1, 4)[:, :3] for t in range(3)]
+                      for n in range(3)])
     shown = (drawn != drawn[0, 0, 0]).any(axis=(0, 3))
     errors = [[np.mean((drawn[0, t, shown[t]] - drawn[n, t, shown[t]].astype(float)) ** 2) for t in range(3)] for n in (1, 2)]
     quality = 10 * np.log10(255**2 / np.maximum(errors, 255**2 / 10 ** (HIGHEST / 10)))

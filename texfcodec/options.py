@@ -244,7 +244,7 @@ class EncodeOptions:
         position bits if pictures show no more of it than coding costs anyway, and resolution, position_bits, max_error and
         exact_rate leave that free.
     keep_animations : bool
-        Of encode_gltf(): keep every keyframe. Otherwise those are left out that interpolation gives within 1e-4.
+        Of encode_gltf(): keep every keyframe. Otherwise those are left out that interpolation gives within 1e-5.
     chroma_qp_offset : int, optional
         Added to the QP of both chroma components; None: -1 over voxels, 2 over texels.
     area_threshold : int
@@ -298,7 +298,7 @@ class EncodeOptions:
     position_bits: int | None = ranged(None, 8, 20, "Bits of a vertex coordinate, 8..20.", "B")
     keep_mesh: bool = switch("Keep the source's vertices and faces, and round each vertex to the position lattice. Implied "
                              "by --lossless, --exact-rate, --resolution and --position-bits.")
-    keep_animations: bool = switch("With OUT.glb: keep every keyframe. Otherwise those go that interpolation gives within 1e-4.")
+    keep_animations: bool = switch("With OUT.glb: keep every keyframe. Otherwise those go that interpolation gives within 1e-5.")
     effort: str = choice("balanced", EFFORTS, "Encoding time spent on a smaller stream.")
     chroma_qp_offset: int | None = ranged(None, -63, 63)
     area_threshold: int = ranged(77, 0, 65535)

@@ -105,8 +105,8 @@ def kernel(function: Callable | None = None, allocates: bool = False, **options:
 
 
 def instruction(name: str) -> Callable[[Callable], Callable]:
-    """Decorator of an integer function that kernels replace by one LLVM instruction of this name, on an int64. Python runs the
-    function itself."""
+    """Return a decorator of a function int64 -> int64. In kernels, the LLVM instruction of this name replaces it, such as ctpop;
+    outside, Python runs the function itself."""
 
     def decorate(function):
         from numba.extending import intrinsic, overload

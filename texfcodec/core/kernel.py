@@ -86,7 +86,7 @@ def cache_folder(path: Path) -> Path:
 
 # Any: Numba's compiled functions have no types, nor does partial() of this one.
 def kernel(function: Callable | None = None, allocates: bool = False, **options: Any) -> Any:
-    """Decorator: compiles a function without the interpreter's lock and caches it in cache_folder(). options: further options of
+    """Decorator: compiles a function without the interpreter's lock and caches it in cache_folder(). options: other keywords of
     numba.njit. Divisions are not checked for zero; the caller ensures that.
 
     allocates: the kernel creates or returns arrays. Numba then counts references, and each access to a named tuple of arrays is

@@ -201,14 +201,14 @@ def _warn_of_losses(sentences):
 
 
 def refuse_losses(options: EncodeOptions, report: Report) -> None:
-    """Refuses visible losses if options are strict.
+    """Raise InputError if options are strict and an encode loses something visible.
 
     Parameters
     ----------
     options : EncodeOptions
-        strict decides.
+        Its field strict says whether losses are refused.
     report : Report
-        Its warnings and dropped properties count, its remarks do not.
+        Report of the encode. Its warnings and dropped properties are losses, its remarks are not.
 
     Raises
     ------
@@ -293,7 +293,7 @@ def measure(scene: Scene, encoded: Encoded, threads: int = 1) -> dict:
     Returns
     -------
     dict
-        "y", "yuv611", "rgb" in dB, None means lossless; "samples".
+        "y", "yuv611", "rgb" in dB, None means lossless; "samples": the number of surface points.
 
     Raises
     ------

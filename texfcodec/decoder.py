@@ -34,7 +34,7 @@ Known = Callable[[dict, Group], np.ndarray | None]  # (syntax elements of an att
 
 
 class DecodedSurface(NamedTuple):
-    """Decoded surface of one field. mesh: LatticeMesh; uv: int64 [V, 2], parallel to the lattice, None if the field is over
+    """Decoded surface of one field. mesh: its LatticeMesh; uv: int64 [V, 2], parallel to the lattice, None if the field is over
     voxels."""
 
     mesh: LatticeMesh
@@ -88,7 +88,7 @@ def decode_stream(data: bytes, options: DecodeOptions, report: Report, known: Kn
 
 
 def appearance_of(stream: Stream, options: DecodeOptions, report: Report) -> Texf:
-    """Builds the Texf of what a stream holds undecoded. It has no units, fields, marks and normals yet.
+    """Build a Texf from what a stream holds without further decoding. It has no units, fields, marks and normals yet.
 
     Parameters
     ----------
@@ -245,8 +245,8 @@ def json_object(raw: bytes) -> dict | None:
 
 
 def check_samples(surfaces: list[DecodedSurface], stream: Stream, position_bits: int, limits: Limits) -> None:
-    """Refuses a stream whose supports would take too long to derive. The time grows with samples and rows of texels; their sum
-    over all fields is checked before the first is visited.
+    """Refuse a stream whose supports (voxels, texels) would take too long to derive from its surfaces. The time grows with
+    samples and rows of texels; their sum over all fields is checked before the first is visited.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def _count_rows(surface, field):
 
 
 def surface_of_field(units: list, field: dict) -> DecodedSurface:
-    """Joins the geometry units of a field to the surface that its support is rebuilt from.
+    """Join the geometry units of a field to the surface from which its support (voxels or texels) is derived.
 
     Parameters
     ----------
@@ -308,7 +308,7 @@ def surface_of_field(units: list, field: dict) -> DecodedSurface:
 
 def decode_support(surface: DecodedSurface, values: dict, position_bits: int,
                    options: DecodeOptions) -> VoxelSupport | TexelSupport:
-    """Rebuilds the support of a field from its surface (spec clause 6).
+    """Derive the voxels or texels that hold a field's values from its surface (spec clause 6).
 
     Parameters
     ----------
@@ -432,7 +432,7 @@ def _decode_jointly(texf, stream, surfaces, options, report):
 
 
 def check_values(checksum: int, values: dict, codec: Codec) -> None:
-    """Compares the checksum of decoded values with values_crc.
+    """Compare the checksum of a unit's decoded values with its values_crc.
 
     Parameters
     ----------

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits, with defaults for a desktop; 0 or None switches a limit off.
+    """Limits on what a stream or mesh file may need, with defaults for a desktop; 0 or None switches a limit off.
 
     file_bytes: whole stream; vertices, faces: over all units; voxels: over all fields, including referenced texels; texels: of
     one image, referenced or not; image_pixels: of one image of a mesh file, as many as a field's image may have; samples: of
-    voxelisation and rows of texels, over all fields (time grows with it: about 20 million a second and core); latents: numbers of
-    a payload that a network reads, two a byte; metadata_bytes; isolate_bytes, isolate_seconds: for --isolate.
+    voxelisation and rows of texels, over all fields (time grows with it: about 20 million a second and core); latents: numbers
+    of a payload that a network reads, two a byte; metadata_bytes; isolate_bytes, isolate_seconds: for --isolate.
     """
 
     file_bytes: int | None = 256 << 20
@@ -42,7 +42,8 @@ LEVELS = {  # bitstream_spec.md 10.1, whose table is made from this one; 3 is wh
 
 
 def level_of(needs: dict[str, int]) -> int | None:
-    """The lowest level (spec 10.1) whose bounds hold, None above the last level. needs: by names of Limits' fields."""
+    """Return the lowest conformance level (spec 10.1) whose bounds hold what a stream needs, None above the last level. needs:
+    counts by names of Limits' fields."""
     for level, bounds in LEVELS.items():
         if all(count <= getattr(bounds, name) for name, count in needs.items()):
             return level

@@ -43,7 +43,7 @@ def default_threads() -> int:
 
 # Any, as dataclasses.field() says of itself: what stands beside a field must have its type.
 def choice(default: Any, allowed: Iterable[str] | Callable[[], Iterable[str]], text: str = "", metavar: str | None = None) -> Any:
-    """A field of options that takes one of several words.
+    """Return a dataclass field for an option that takes one of several words.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def choice(default: Any, allowed: Iterable[str] | Callable[[], Iterable[str]], t
 
 
 def ranged(default: Any, low: float, high: float, text: str = "", metavar: str = "N") -> Any:
-    """A field of options that takes a number.
+    """Return a dataclass field for an option that takes a number within a range.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def ranged(default: Any, low: float, high: float, text: str = "", metavar: str =
 
 
 def switch(text: str = "") -> Any:
-    """A field of options that is True or False, by default False.
+    """Return a dataclass field for an option that is True or False, by default False.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def switch(text: str = "") -> Any:
 
 
 def words_of(option: Field) -> tuple[str, ...]:
-    """Allowed words of a field.
+    """Return the words that a field of choice() allows.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ Options = TypeVar("Options", "EncodeOptions", "DecodeOptions")
 
 
 def options_of(kind: type[Options], given: Options | Mapping[str, Any] | None) -> Options:
-    """Options of a caller.
+    """Return what a caller gives as options as an object of EncodeOptions or DecodeOptions.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def _known_names(kind, given):
 
 
 def strange_options(codec: Codec) -> frozenset[str]:
-    """Names of the EncodeOptions that other codecs read and this codec does not.
+    """Return the names of the EncodeOptions that other codecs read and this codec does not.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ class EncodeOptions:
         position bits if pictures show no more of it than coding costs anyway, and resolution, position_bits, max_error and
         exact_rate leave that free.
     keep_animations : bool
-        Of encode_gltf(): keep every keyframe. Otherwise those are left out that interpolation gives within 1e-4.
+        Of encode_gltf(): keep every keyframe. Otherwise those are left out that interpolation gives within 1e-5.
     chroma_qp_offset : int, optional
         Added to the QP of both chroma components; None: -1 over voxels, 2 over texels.
     area_threshold : int
@@ -298,7 +298,7 @@ class EncodeOptions:
     position_bits: int | None = ranged(None, 8, 20, "Bits of a vertex coordinate, 8..20.", "B")
     keep_mesh: bool = switch("Keep the source's vertices and faces, and round each vertex to the position lattice. Implied "
                              "by --lossless, --exact-rate, --resolution and --position-bits.")
-    keep_animations: bool = switch("With OUT.glb: keep every keyframe. Otherwise those go that interpolation gives within 1e-4.")
+    keep_animations: bool = switch("With OUT.glb: keep every keyframe. Otherwise those go that interpolation gives within 1e-5.")
     effort: str = choice("balanced", EFFORTS, "Encoding time spent on a smaller stream.")
     chroma_qp_offset: int | None = ranged(None, -63, 63)
     area_threshold: int = ranged(77, 0, 65535)

@@ -18,12 +18,14 @@ _FIRST_RUN = "first run: compiling the kernels takes about {} s, once"
 
 
 def first_run(seconds: int) -> str | None:
-    """The line that announces compilation, None if the kernels are compiled. seconds: ENCODING, DECODING or ALL."""
+    """Return a line that announces the compilation of kernels; None if they are compiled. seconds: about how long it takes,
+    ENCODING, DECODING or ALL."""
     return None if kernels_compiled() else _FIRST_RUN.format(seconds)
 
 
 class Stage(NamedTuple):
-    """Kernels that are compiled together. compile_them: compiles them; entries: files of the package whose kernels come last."""
+    """Kernels that are compiled together. compile_them: compiles them; entries: files whose kernels it compiles last, so that
+    their presence in the cache means that all are there."""
 
     compile_them: Callable[[], None]
     entries: tuple[str, ...] = ENTRIES

@@ -13,7 +13,7 @@ def no_step(done: int, total: int) -> None:
 
 
 def plural(count: int, singular: str, many: str) -> str:
-    """The count and its noun: plural(1, "face is flat", "faces are flat") is "1 face is flat"."""
+    """Return a count and its noun: plural(1, "face is flat", "faces are flat") is "1 face is flat"."""
     return f"{count} {singular if count == 1 else many}"
 
 
@@ -73,7 +73,7 @@ class Report:
         return f"<Report: {sum(self.seconds.values()):.2f} s" + (f" ({stages}{more})" if stages else "") + f", {counts}>"
 
     def take(self, other: "Report") -> None:
-        """Adds the seconds, sentences, trials and channels of another report of the same run."""
+        """Add the seconds, sentences, trials and channels of another report of the same run to this one's."""
         self.take_seconds(other)
         for name in ("warnings", "dropped", "remarks", "trials", "channels"):
             getattr(self, name).extend(getattr(other, name))
@@ -85,7 +85,7 @@ class Report:
 
     @contextmanager
     def stage(self, name: str, part: tuple[int, int] = (0, 1)) -> Iterator[Step]:
-        """Context manager of a stage, which adds its seconds to those of the same name.
+        """Context manager around a stage of the run, which adds its seconds to those of the same name.
 
         part: (number, count) of a stage in parts, such as fields. Gives step(done, total), which reports the progress of this
         part.
@@ -120,7 +120,8 @@ def peak_memory_bytes() -> int | None:
 
 
 def peak_of_status(status: bytes) -> int:
-    """Peak memory in bytes from the text of Linux's /proc/self/status. Raises ValueError if it is not there.
+    """Return the peak memory of a process in bytes, from the text of its /proc/.../status on Linux. Raises ValueError if it is
+    not there.
 
     Linux's getrusage() is no substitute: for a child it includes the peak of the process that started it.
     """

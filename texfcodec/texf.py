@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(repr=False)
 class Field:
-    """Values on one support.
+    """The decoded values of one field: a plane of values for each channel, in the cells (voxels or texels) of one support.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Field:
         return f"<Field over {self.support!r}, {' + '.join(self.planes)}>"
 
     def support_of(self, name: str) -> VoxelSupport | TexelSupport:
-        """The support of a channel's plane, which may be coarser than the field's.
+        """Return the cells that a channel's plane has values for, which may be coarser than the field's.
 
         Parameters
         ----------
@@ -215,7 +215,7 @@ class Texf:
         return corner_groups(self.lattice_positions, self.faces, [m.normals for m in self.materials], self.face_material, sharp)
 
     def query(self, points: np.ndarray, face_index: np.ndarray | None = None) -> np.ndarray:
-        """Colour of the field at surface points.
+        """Return the base colour and alpha of the asset at surface points.
 
         Parameters
         ----------
@@ -251,7 +251,7 @@ class Texf:
         return self.query_by_field(points, which, face_index)
 
     def query_by_field(self, points: np.ndarray, which: np.ndarray, face_index: np.ndarray | None = None) -> np.ndarray:
-        """Colour at surface points, each from a given field.
+        """Return the base colour and alpha at surface points, each from the field that the caller names.
 
         Parameters
         ----------
@@ -286,7 +286,7 @@ class Texf:
         return texel_positions(lattice, self.lattice_positions.astype(np.float64), self.faces, self.uv, face_index)
 
     def query_field(self, number: int, points: np.ndarray) -> np.ndarray:
-        """Colour of a field over voxels at world points.
+        """Return the base colour and alpha of one field over voxels at world points.
 
         Parameters
         ----------
@@ -312,7 +312,7 @@ class Texf:
         return part.support.query(self.cube, points, part.rgba, self.threads)
 
     def query_planes(self, number: int, names: Sequence[str], points: np.ndarray, face_index: np.ndarray) -> dict:
-        """Values of some channels of a field at surface points.
+        """Return the values of some channels of one field at surface points.
 
         Parameters
         ----------
@@ -343,7 +343,7 @@ class Texf:
         return support.query(self.cube, points, values, self.threads)
 
     def nearest_face(self, points: np.ndarray) -> np.ndarray:
-        """Index of the face nearest to each point.
+        """Return the index of the face nearest to each point.
 
         Parameters
         ----------

@@ -17,6 +17,7 @@
  * @property {number} alphaCutoff 0 to 1
  * @property {boolean} doubleSided
  * @property {boolean} unlit
+ * @property {boolean} flat whether every corner has the normal of its face
  * @property {Object<string, number[]>} parameters by name, those that differ from their default
  * @property {string[]} channels that it names
  *
@@ -101,6 +102,8 @@ const LIMITS = ['fileBytes', 'vertices', 'faces', 'voxels', 'texels', 'samples',
 const FAMILIES = /** @type {const} */ ({3: ['S', 'invalid'], 4: ['C', 'internal'], 5: ['U', 'unsupported'], 6: ['L', 'limit']});
 const KIND = {description: 0, metadata: 1, positions: 2, uvs: 3, faces: 4, normals: 5, keys: 6, values: 7, sharpEdges: 8,
   codedNormals: 9, image: 10, latents: 11, network: 12, latentKeys: 13};
+
+const CODED = 6; // the first normal_rule of clause 8.4.1 that takes normals from the stream
 
 /** All attribute units. */
 export const ALL = -1;
@@ -213,6 +216,7 @@ function materialOf(material) {
     alphaCutoff: material.alpha_cutoff / 65535,
     doubleSided: (material.flags & 1) > 0,
     unlit: (material.flags & 2) > 0,
+    flat: material.normal_rule < CODED && material.normal_angle === 0,
     parameters: Object.fromEntries(parameters),
     channels: CHANNELS.filter((_, bit) => material.channels >> bit & 1),
   };

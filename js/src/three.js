@@ -10,14 +10,16 @@
 
 import {
   BufferAttribute, BufferGeometry, ClampToEdgeWrapping, Color, DataTexture, DoubleSide, FileLoader, FrontSide, Group,
-  LinearFilter, LinearMipmapLinearFilter, LinearSRGBColorSpace, Loader, Mesh, MeshBasicMaterial, MeshPhysicalMaterial,
-  MeshStandardMaterial, MirroredRepeatWrapping, NoColorSpace, RepeatWrapping, RGBAFormat, RGIntegerFormat,
+  LinearFilter, LinearMipmapLinearFilter, LinearSRGBColorSpace, Loader, Matrix3, Matrix4, Mesh, MeshBasicMaterial, MeshPhysicalMaterial,
+  MeshStandardMaterial, MirroredRepeatWrapping, NearestFilter, NoColorSpace, RepeatWrapping, RGBAFormat, RGIntegerFormat,
   ShaderChunk, SRGBColorSpace, UnsignedByteType,
 } from 'three';
 
 import {BITS_GLSL, LEVELS_GLSL, lookUpGlsl} from './glsl_voxels.js';
 import {Decoder, TexfError} from './index.js';
+import {componentsOf, interleaved, pictureOf} from './pictures.js';
 import {bricksOf, levelsOf, lookUpOf, pyramidOf} from './supports.js';
+import {inverseTranspose} from './surface.js';
 import {networkOf} from './three_neural.js';
 import {PLACE_GLSL, tableTexture} from './three_tables.js';
 
@@ -25,6 +27,7 @@ import {PLACE_GLSL, tableTexture} from './three_tables.js';
 /** @typedef {import('./engine.js').Field} Field */
 /** @typedef {import('./engine.js').Material} Material */
 /** @typedef {import('./engine.js').Plane} Plane */
+/** @typedef {import('./pictures.js').Picture} Picture */
 
 const WRAPS = {repeat: RepeatWrapping, clamp: ClampToEdgeWrapping, mirror: MirroredRepeatWrapping};
 
@@ -296,14 +299,15 @@ function standardMaterial(material) {
  * @param {any} to @param {Material} material @param {Field} field @returns {[string, (string|null)[], boolean][]} */
 function mapsOf(to, material, {planar, planes}) {
   const has = (/** @type {string} */ name) => name in planes && (name === 'base_colour' || name === 'alpha' || material.channels.includes(name.replace('_object', '')));
-  const taken = to instanceof MeshPhysicalMaterial ? null : material.unlit ? ['map'] : STANDARD;
+  const taken = to instanceof MeshPhysicalMaterial ? null : to instanceof MeshBasicMaterial ? ['map'] : STANDARD;
   return CHANNEL_MAPS.filter(([property]) => !taken || taken.includes(property)).map(([property, channels, isColour = false]) => {
     const four = !planar && property.endsWith('ormalMap') ? Array(3).fill(`${channels[0]}_object`) : channels;
     return /** @type {[string, (string|null)[], boolean]} */ ([property, four.map((name) => (name && has(name) ? name : null)), isColour]);
   }).filter(([, four]) => four.some(Boolean));
 }
 
-class TextureCache {
+/** Textures of a stream, by what they show. */
+export class TextureCache {
   constructor() {
     /** @type {import('three').Texture[]} */
     this.created = [];
@@ -322,61 +326,48 @@ class TextureCache {
   }
 }
 
-/**
- * The planes of up to four components as RGBA; what no plane gives is 255.
- * @param {(Plane|undefined)[]} planes @param {number[]} from component of each, as the channel counts them
- * @param {(plane: Plane) => Uint8Array} data @param {number} count cells
- */
-function interleaved(planes, from, data, count) {
-  const out = new Uint8Array(4 * count).fill(255);
-  planes.forEach((plane, k) => {
-    if (!plane) return;
-    const values = data(plane), step = plane.components, at = plane.offset + Math.min(from[k], step - 1 - plane.offset); // grey: one for all
-    for (let i = 0; i < count; i++) out[4 * i + k] = values[step * i + at];
-  });
-  return out;
-}
-
-/** Which component of its channel each of four is, counted among those that name the channel.
- * @param {(string|null)[]} channels */
-const componentsOf = (channels) => channels.map((name, k) => channels.slice(0, k).filter((before) => before === name).length);
-
 // ---- Texels
 
 /** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {TextureCache} cache */
 function texelMaps(to, material, field, number, cache) {
   for (const [property, channels, isColour] of mapsOf(to, material, field)) {
-    const four = channels.map((name) => (name ? field.planes[name] : undefined)), size = four.find(Boolean)?.image;
-    if (size) to[property] = cache.get(`${number} ${property} ${channels}`, () => texture(field, four, channels, size, isColour));
+    const image = cache.get(`${number} ${property} ${channels}`, () => {
+      const picture = pictureOf(field, channels);
+      return picture && fieldTexture(picture, field, isColour);
+    });
+    if (image) to[property] = image;
   }
   const scale = material.parameters.normal_scale?.[0] ?? 1, coat = material.parameters.clearcoat_normal_scale?.[0] ?? 1;
   to.normalScale?.set(scale, -scale); // as GLTFLoader does where there are no tangents
   to.clearcoatNormalScale?.set(coat, -coat);
 }
 
-/** @param {Field} field @param {(Plane|undefined)[]} four @param {(string|null)[]} channels @param {{width: number, height: number}} size @param {boolean} isColour */
-function texture(field, four, channels, size, isColour) {
-  const fitting = four.map((plane) => plane?.image?.width === size.width && plane.image.height === size.height ? plane : undefined);
-  const pixels = interleaved(fitting, componentsOf(channels), (plane) => /** @type {any} */ (plane.image).data, size.width * size.height);
-  if (channels.some((name) => name?.endsWith('normal'))) withZ(pixels);
-  const image = new DataTexture(pixels, size.width, size.height, RGBAFormat, UnsignedByteType);
+/** @param {Picture} picture @param {Field} field @param {boolean} isColour */
+function fieldTexture(picture, field, isColour) {
+  const image = pictureTexture(picture);
   [image.wrapS, image.wrapT] = field.wrap.map((wrap) => WRAPS[wrap]);
   image.colorSpace = isColour ? SRGBColorSpace : NoColorSpace;
+  image.anisotropy = 16;
+  return image;
+}
+
+/** A texture with mipmaps. @param {Picture} picture */
+export function pictureTexture({data, width, height}) {
+  const image = new DataTexture(data, width, height, RGBAFormat, UnsignedByteType);
   image.magFilter = LinearFilter;
   image.minFilter = LinearMipmapLinearFilter;
   image.generateMipmaps = true;
-  image.anisotropy = 16;
   image.needsUpdate = true;
   return image;
 }
 
-/** The third component of tangent space normals, from the first two.
- * @param {Uint8Array} pixels */
-function withZ(pixels) {
-  for (let i = 0; i < pixels.length; i += 4) {
-    const x = pixels[i] / 127.5 - 1, y = pixels[i + 1] / 127.5 - 1;
-    pixels[i + 2] = Math.round(127.5 * (Math.sqrt(Math.max(0, 1 - x * x - y * y)) + 1));
-  }
+const GLTF_WRAPS = {10497: RepeatWrapping, 33071: ClampToEdgeWrapping, 33648: MirroredRepeatWrapping};
+
+/** What three.js calls the properties of a sampler of glTF, filters being linear with mipmaps or nearest.
+ * @param {{magFilter: number, wrapS: keyof typeof GLTF_WRAPS, wrapT: keyof typeof GLTF_WRAPS}} sampler */
+export function samplerOf({magFilter, wrapS, wrapT}) {
+  const filters = magFilter === 9728 ? {magFilter: NearestFilter, minFilter: NearestFilter, generateMipmaps: false} : {};
+  return {wrapS: GLTF_WRAPS[wrapS], wrapT: GLTF_WRAPS[wrapT], ...filters};
 }
 
 // ---- Voxels
@@ -389,6 +380,7 @@ const askGlsl = (count, network) => {
 varying vec3 vTexfPlace;
 varying vec3 vTexfNormal;
 varying vec3 vTexfWide;
+varying mat3 vTexfTurn;
 uniform bool texfCubes;
 uniform vec2 texfBends;
 ${each((n) => `uniform sampler2D texfTable${n};\nvec4 texfSum${n};`)}
@@ -445,14 +437,18 @@ function answersOf(maps, valueOf) {
     answers[property] = isColour ? `vec4(texfLinear(vec3(${four.slice(0, 3)})), ${four[3] ?? '1.0'})` : `vec4(${[0, 1, 2, 3].map((k) => four[k] ?? '1.0')})`;
   }
   const bent = (/** @type {string} */ name, /** @type {string} */ scale) =>
-    `(normalize(vTexfNormal) + ${scale} * (2.0 * vec3(${[0, 1, 2].map((k) => valueOf(`${name}_object ${k}`))}) - 1.0))`;
+    `(vTexfTurn * (normalize(vTexfNormal) + ${scale} * (2.0 * vec3(${[0, 1, 2].map((k) => valueOf(`${name}_object ${k}`))}) - 1.0)))`;
   if ('normalMap' in answers) answers.normalMap = `vec4(0.5 * ${bent('normal', 'texfBends.x')} + 0.5, 1.0)`;
   if ('clearcoatNormalMap' in answers) answers.clearcoatNormalMap = bent('clearcoat_normal', 'texfBends.y');
   return answers;
 }
 
-/** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {Asset} asset @param {TextureCache} cache */
-function voxelMaps(to, material, field, number, asset, cache) {
+/**
+ * @param {any} to @param {Material} material @param {Field} field @param {number} number @param {Asset} asset @param {TextureCache} cache
+ * @param {{attribute: string, matrix: number[]}|null} placed the attribute that has places in the stream's space, and the matrix from there to
+ *   the mesh's space; null where they are one
+ */
+function voxelMaps(to, material, field, number, asset, cache, placed = null) {
   const size = 2 ** field.levelsLeftOut, cells = Math.ceil(field.resolution / size), last = Math.ceil(Math.log2(cells)), {planes} = field;
   const maps = mapsOf(to, material, field).filter(([property]) => property !== 'anisotropyMap'); // which has no frame there
   const components = maps.flatMap(([, channels]) => channels.map((name, k) => `${name} ${componentsOf(channels)[k]}`)).filter((name) => !name.startsWith('null'));
@@ -461,6 +457,7 @@ function voxelMaps(to, material, field, number, asset, cache) {
     const at = component === null ? -1 : components.indexOf(component);
     return at < 0 ? '1.0' : `texfSum${at >> 2}.${'xyzw'[at & 3]}`;
   };
+  const inMesh = new Matrix4().fromArray(placed?.matrix ?? new Matrix4().elements);
   const tree = cache.get(`${number} tree`, () => levelsOf({...bricksOf(field.keys), first: 0, depth: last}));
   const lookUp = cache.get(`${number} look-up`, () => lookUpOf(tree));
   const lookUpPart = (/** @type {'table'|'bits'} */ part) => cache.get(`${number} ${part}`, () => tableTexture(lookUp[part], 2, RGIntegerFormat, 'RG32UI'));
@@ -469,6 +466,8 @@ function voxelMaps(to, material, field, number, asset, cache) {
     u_size: {value: cells}, u_last: {value: last},
     texfScale: {value: asset.side > 0 ? (1 - 2 ** -asset.positionBits) * field.resolution / size / asset.side : 0},
     texfCubes: {get value() { return Boolean(to.userData.cubes); }},
+    texfMatrix: {value: new Matrix3().setFromMatrix4(inMesh)}, texfTurn: {value: new Matrix3().fromArray(inverseTranspose(inMesh.elements).columns)},
+    texfWide: {value: Math.cbrt(Math.abs(inMesh.determinant())) || 1},
     texfBends: {get value() { return [to.normalScale?.x ?? 1, to.clearcoatNormalScale?.x ?? 1]; }},
   });
   for (let n = 0; n < count; n++) {
@@ -482,14 +481,57 @@ function voxelMaps(to, material, field, number, asset, cache) {
   const glsl = askGlsl(count, network && networkAskGlsl(network, components, count)), answers = answersOf(maps, valueOf);
   to.onBeforeCompile = (/** @type {any} */ shader) => {
     Object.assign(shader.uniforms, uniforms, network?.uniforms);
-    shader.vertexShader = shader.vertexShader
-      .replace('#include <common>', '#include <common>\nvarying vec3 vTexfPlace;\nvarying vec3 vTexfNormal;\nvarying vec3 vTexfWide;\nuniform float texfScale;')
-      .replace('#include <begin_vertex>', '#include <begin_vertex>\nvTexfPlace = position * texfScale;\nvTexfNormal = normal;')
-      .replace('#include <project_vertex>', `#include <project_vertex>
-vTexfWide = vec3(gl_Position.yw, gl_Position.w / projectionMatrix[1][1] * texfScale / length(modelViewMatrix[0].xyz));`);
+    shader.vertexShader = placing(shader.vertexShader, placed, 'normalMap' in answers || 'clearcoatNormalMap' in answers);
     shader.fragmentShader = withSamplers(shader.fragmentShader, glsl, answers);
   };
-  to.customProgramCacheKey = () => `texf ${JSON.stringify(answers)} ${network ? glsl : count}`;
+  to.customProgramCacheKey = () => `texf ${placed?.attribute} ${JSON.stringify(answers)} ${network ? glsl : count}`;
+}
+
+/** A vertex shader of three.js that hands on where a vertex is in the field, before targets and skin, and how they turn its normal.
+ * @param {string} shader @param {{attribute: string}|null} placed @param {boolean} bends whether normals are asked */
+function placing(shader, placed, bends) {
+  const turns = `mat3 turn = texfTurn;
+#ifdef USE_SKINNING
+turn = mat3(skinMatrix) * turn;
+#endif
+#ifdef USE_INSTANCING
+mat3 instance = mat3(instanceMatrix);
+turn = mat3(instance[0] / dot(instance[0], instance[0]), instance[1] / dot(instance[1], instance[1]), instance[2] / dot(instance[2], instance[2])) * turn;
+#endif
+vTexfTurn = turn;`;
+  return shader
+    .replace('#include <common>', `#include <common>
+varying vec3 vTexfPlace;
+varying vec3 vTexfNormal;
+varying vec3 vTexfWide;
+varying mat3 vTexfTurn;
+uniform float texfScale;
+uniform float texfWide;
+uniform mat3 texfMatrix;
+uniform mat3 texfTurn;
+${placed ? `attribute vec3 ${placed.attribute};` : ''}`)
+    .replace('#include <begin_vertex>', `#include <begin_vertex>
+vTexfPlace = ${placed?.attribute ?? 'position'} * texfScale;
+vTexfNormal = normal * texfMatrix;
+${bends ? turns : 'vTexfTurn = texfTurn;'}`)
+    .replace('#include <project_vertex>', `#include <project_vertex>
+vTexfWide = vec3(gl_Position.yw, gl_Position.w / projectionMatrix[1][1] * texfScale / length(modelViewMatrix[0].xyz) / texfWide);`);
+}
+
+/**
+ * Makes a material show a field over voxels, and all its clones, which GLTFLoader makes for vertex colours and flat shading.
+ * @template {import('three').Material} T
+ * @param {T} to @param {import('./container.js').VoxelLook} look @param {string} attribute of the geometry: places in the stream's space
+ * @param {TextureCache} cache of the stream @returns {T}
+ */
+export function overVoxels(to, look, attribute, cache) {
+  const {asset, field: number, material, channels, matrix} = look, field = asset.fields[number], copy = /** @type {any} */ (to);
+  const planes = Object.fromEntries(channels.map((name) => [name, field.planes[name]]));
+  copy.userData.channels = channels;
+  voxelMaps(copy, material, {...field, planes}, number, asset, cache, {attribute, matrix});
+  copy.clone = () => overVoxels(new copy.constructor().copy(copy), look, attribute, cache);
+  copy.addEventListener('dispose', () => cache.created.forEach((texture) => texture.dispose()));
+  return to;
 }
 
 /** A fragment shader of three.js that gets values of texfAsk() where it would read its maps.

@@ -17,6 +17,8 @@ const CONSUMER = `
 import {Decoder, TexfError, decode, dispose, type Asset, type DecodeOptions, type Limits} from 'texf';
 import {CHANNELS, decodeWith, type Field, type Material, type Plane, type Unit} from 'texf/engine';
 import {TEXFLoader, disposeGroup, groupOf} from 'texf/three';
+import {TEXFStreamExtension, expand} from 'texf/gltf';
+import {GLTFLoader} from 'three/addons/loaders/GLTFLoader.js';
 import type {Group} from 'three';
 
 const limits: Limits = {faces: 1000};
@@ -32,6 +34,10 @@ export async function shown(bytes: ArrayBuffer): Promise<Group> {
   const group: Group = await loader.loadAsync('scan.texf');
   group.add(groupOf(asset));
   return group;
+}
+export async function plain(file: ArrayBuffer, decoder: Decoder): Promise<ArrayBuffer> {
+  new GLTFLoader().register((parser) => new TEXFStreamExtension(parser, {decoder, limits}));
+  return await expand(file, {decoder, limits});
 }
 export const code = (error: unknown) => error instanceof TexfError ? error.code : 'internal';
 // @ts-expect-error: a level is a number

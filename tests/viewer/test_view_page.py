@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from browser import needs_browser
 from devtools import Page
+from gltf_scenes import spinning
 from shapes import mapped_sheet, noise, painted_sphere, scene_of, sphere, square
 
-from texfcodec import EncodeOptions, decode, encode
+from texfcodec import EncodeOptions, decode, encode, encode_gltf
 from texfcodec.viewer.dropped import glb_of_dropped
 from texfcodec.viewer.glb import glb_of_scene
 from texfcodec.viewer.page import export_page
@@ -325,6 +326,22 @@ def test_a_dropped_glb_needs_no_server_but_for_what_the_page_does_not_read(show,
     page.until("/TXF-I33/.test(document.querySelector('#message span')?.textContent)")
     assert page.run(sent) == 1 and page.run("viewer.assets[0].name") == "new.glb"
     page.errors[:] = [error for error in page.errors if "422" not in error]
+
+
+def test_a_dropped_scene_with_coded_meshes_is_shown_and_a_key_plays_its_animation(show, tmp_path):
+    coded = encode_gltf(spinning().glb(), {"rate": "r06", "no_check": True, "effort": "fast"}).data
+    (tmp_path / "spin.glb").write_bytes(coded)
+    page = show()
+    page.drop(tmp_path / "spin.glb", 100, 200)
+    page.until("viewer.assets[0]?.name === 'spin.glb'")
+    page.settle()
+    assert page.run("viewer.assets[0].meshes.length") == 2 and "M plays it" in page.message()
+    before = page.pixels()
+    page.run("void viewer.switchMotion()")
+    page.until("viewer.assets[0].mixer.time > 0.2")
+    page.press("m")
+    page.settle()
+    assert differ(before, page.pixels()) > 1000
 
 
 def test_halves_are_named_by_what_they_are(show):

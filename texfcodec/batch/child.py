@@ -26,7 +26,7 @@ def _wait_for_the_end():
 
 
 def cap_data(size: int) -> bool:
-    """Caps the data of this process at size bytes; False if the system has no such cap.
+    """Cap the data segment of this process (RLIMIT_DATA) at size bytes. Return False if the system has no such cap.
 
     Data is memory that the process writes to, not memory that it only reserves.
     """

@@ -38,7 +38,7 @@ class Caps:
 
 
 class Children:
-    """The processes that are alive. unwanted: called now and then while one runs; True stops them all."""
+    """Child processes that are running. unwanted: function, called now and then while a child runs; True stops all of them."""
 
     def __init__(self, unwanted: Callable[[], bool] = lambda: False) -> None:
         self._lock, self._unwanted = threading.Lock(), unwanted
@@ -46,9 +46,10 @@ class Children:
         self.stopped = False
 
     def run(self, words: Sequence[str], out: BinaryIO | int, log: BinaryIO | int, caps: Caps) -> int | None:
-        """Runs Python with words to its end, stdout into out, stderr into log. Returns its exit code, or None once stopped.
+        """Run Python with arguments in a child process, wait for its end, and return its exit code; None if it was stopped.
 
-        Raises Overdue, and OSError where the system starts no process. The child ends with this process.
+        words: arguments of Python; out, log: where its stdout and stderr go, as in subprocess. Raises Overdue at caps.end, and
+        OSError if no process can be started. The child ends with this process.
         """
         names = {f"{name}_NUM_THREADS": str(caps.threads) for name in ("OMP", "OPENBLAS", "MKL")}
         paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))

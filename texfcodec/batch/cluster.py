@@ -48,9 +48,9 @@ _warming = threading.Lock()
 
 @dataclass(frozen=True)
 class Answer:
-    """Answer of a worker.
+    """Result of a task, as a worker returns it.
 
-    worker: its address; folder: name of the folder in the client's room; files: without such a folder, its contents.
+    worker: its address; folder: name of the attempt's folder, if client and worker share a disk; files: otherwise its contents.
     """
 
     outcome: Outcome
@@ -60,10 +60,10 @@ class Answer:
 
 
 def work(task: Task, size: int, room: str, sent: tuple[str, Packed] | None) -> Answer:
-    """Runs a task on the worker of this thread.
+    """Run a task on the Dask worker of this thread and return its Answer.
 
-    size: bytes of the asset at the client; room: the client's; sent: the asset's name and its files, by their names in one
-    folder, or None.
+    size: bytes of the asset at the client, by which the worker recognises the file; room: the client's folder for attempts;
+    sent: (name, {name: bytes}), the asset's name and its files if they came along, else None.
     """
     from distributed import get_worker
 
@@ -160,7 +160,7 @@ def _unpack(folder: Path, files: Packed) -> Path:
 
 
 def same(sent: tuple[str, Packed]) -> tuple[str, Packed]:
-    """The argument, unchanged: a task that holds an asset."""
+    """Return (name, files) of an asset unchanged: as a Dask task it keeps the asset on the cluster for other tasks."""
     return sent
 
 
@@ -168,7 +168,8 @@ def same(sent: tuple[str, Packed]) -> tuple[str, Packed]:
 
 
 def run_there(tasks: Sequence[Task], address: str, room: Path, ended: Ended, note: Callable[[str], object]) -> None:
-    """Run tasks as local.run_here() does, on the cluster at an address such as tcp://HOST:8786. note(text): reports to a person.
+    """Run tasks as local.run_here() does, but on a Dask cluster. address: such as tcp://HOST:8786; room: the client's folder for
+    attempts; ended(task, outcome, folder): called for each task; note(text): shows a text to the user.
 
     Raises InputError TXF-C05 if the cluster cannot be reached or is lost, TXF-C06 if its client is not installed.
     """
@@ -201,7 +202,7 @@ def _connected(address: str) -> Iterator[Client]:
 
 
 class Run:
-    """One client's tasks on one cluster."""
+    """Tasks of one client on one cluster. room, ended, note: as of run_there()."""
 
     def __init__(self, client: Client, address: str, room: Path, ended: Ended, note: Callable[[str], object]) -> None:
         self.client, self.address, self.room, self.ended, self.note = client, address, room, ended, note
@@ -213,7 +214,7 @@ class Run:
         self.is_idle = False
 
     def run(self, tasks: Sequence[Task]) -> None:
-        """Runs all tasks; nothing is left on the cluster, however it ends."""
+        """Run all tasks and call ended() for each. However this ends, no task stays on the cluster."""
         todo = list(reversed(tasks))
         try:
             while todo or self.waiting:
@@ -323,9 +324,9 @@ class Run:
 
 
 def files_of(path: Path) -> dict[str, Path]:
-    """{name from a common folder: path} of an asset's files, the asset first.
+    """Return {name: path} of the files that an asset consists of, itself first. Names are relative to their common folder.
 
-    An asset that cannot be loaded is alone: the encoder reports the error.
+    If an asset cannot be loaded, it is its only file: the encoder reports the error.
     """
     from ..io.load import load
 

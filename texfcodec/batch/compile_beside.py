@@ -10,10 +10,10 @@ from .children import Caps, Children
 
 
 def compile_beside(threads: int, *stages: str) -> None:
-    """Starts a process that compiles the later kernels of a first run, while this one loads, works and compiles the first ones.
+    """Start a process that compiles the kernels that a first run needs last; this process loads, works and compiles the first.
 
-    Each process loads what the other has compiled. threads: most at once; with a single thread nothing is started; stages: of
-    precompile.STAGES, whose kernels are first looked for in the cache. The process ends at the latest with this one.
+    Each process loads from the cache what the other has compiled. threads: of this run; with a single thread no process starts;
+    stages: keys of precompile.STAGES; those whose kernels are cached are left out. The process ends at the latest with this one.
     """
     missing = [stage for stage in stages if not kernels_compiled(STAGES[stage].entries)]
     if missing and min(threads, default_threads()) > 1:

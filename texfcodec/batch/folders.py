@@ -14,9 +14,9 @@ WORK, LOCK, PROBE = ".texf-work", ".texf-lock", "probe"  # the first two are nob
 
 @contextmanager
 def only_run(out: Path) -> Iterator[None]:
-    """Makes the folder for results, and locks it against other runs; the system drops the lock with its process.
+    """Context manager: create the folder for results and lock it against other runs. The lock ends with the process.
 
-    Raises InputError TXF-O17 if another run is at work there, TXF-O01 to O04 if there can be no such folder.
+    Raises InputError TXF-O17 if another run uses the folder, TXF-O01 to O04 if it cannot be created.
     """
     from ..io.output_files import as_input_error
 
@@ -39,9 +39,9 @@ def only_run(out: Path) -> Iterator[None]:
 
 @contextmanager
 def work_room(out: Path) -> Iterator[Path]:
-    """A new folder below a folder that only_run() holds, on the same file system.
+    """Context manager: a new folder for attempts below out, the folder for results, which only_run() has locked.
 
-    PROBE in it holds its name, by which workers recognise the same folder. Folders that killed runs have left are removed first.
+    The file PROBE in it holds the folder's name, by which workers recognise it. Folders of killed runs are removed first.
     """
     shutil.rmtree(out / WORK, ignore_errors=True)
     name = os.urandom(8).hex()

@@ -15,10 +15,10 @@ Ended = Callable[[Task, Outcome, Path], object]
 
 
 def run_here(tasks: Sequence[Task], workers: int, room: Path, ended: Ended) -> None:
-    """Runs tasks, `workers` at a time, in folders of room.
+    """Run tasks on this machine, `workers` at a time, each in a new folder below room.
 
-    ended(task, outcome, folder) is called for each, in this thread; the rest of the folder is then removed. A full disk stops the
-    other tasks, and their outcome reports it; Ctrl-C and SIGTERM stop all.
+    ended(task, outcome, folder) is called in this thread as each task ends; its folder is removed after that. A full disk stops
+    the other tasks, and their outcome reports it; Ctrl-C and SIGTERM stop all.
     """
     children, full = Children(), threading.Event()
 

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress(total: int) -> Iterator[Callable[[str, str, bool], None]]:
-    """Gives show(name, line, is_bad), to be called as each of `total` tasks ends; beside a bar only bad ones get a line."""
+    """Context manager: give show(name, line, is_bad), which displays the end of one of `total` tasks. On a terminal it moves a
+    bar, and only bad tasks get a line."""
     ended = itertools.count(1)
     if not sys.stderr.isatty():
         yield lambda name, line, is_bad: print(f"[{next(ended)}/{total}] {line}", file=sys.stderr, flush=True)

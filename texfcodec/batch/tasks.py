@@ -24,11 +24,11 @@ _FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 class Task:
     """Commands and their limits.
 
-    name: for people, unique. commands: [(step, words for Python)], with {root}, {folder}, {input} and {threads} for the folder of
-    the code, the folder of the attempt, the asset and a number. input: the asset; files: {name: text} that the folder holds at
-    first; out: the file that gets stdout, LOG by default; enough: a file that makes the commands after it needless; unsuited: the
-    exit code of a command that cannot run here; package: package_code() of the client; threads, memory, seconds: caps, seconds
-    for all commands together.
+    name: for people, unique. commands: [(step, arguments of Python)], with {root}, {folder}, {input} and {threads} for the
+    folder of the code, the folder of the attempt, the asset and a number. input: the asset; files: {name: text} that the folder
+    holds at first; out: the file that gets stdout, LOG by default; enough: a file whose existence makes the remaining commands
+    needless; unsuited: the exit code of a command that cannot run on this machine; package: package_code() of the client, "" for
+    any; threads, memory, seconds: limits; memory in bytes, seconds for all commands together.
     """
 
     name: str
@@ -46,14 +46,15 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """state: one of DONE, FAILED, ...; reason: a sentence, "" without a fault."""
+    """How a task ended. state: one of DONE, FAILED, FULL, INTERRUPTED, OVERDUE, UNSUITED; reason: a sentence, "" for DONE."""
 
     state: str
     reason: str = ""
 
 
 def perform(task: Task, folder: Path, children: Children) -> Outcome:
-    """Runs the commands of a task in a new folder; their files, LOG among them, stay there."""
+    """Run the commands of a task one after the other and return the Outcome. folder: created here, keeps all files, LOG
+    included; children: runs the processes."""
     try:
         folder.mkdir()
         for name, text in task.files.items():
@@ -99,7 +100,7 @@ def package_code() -> str:
 
 
 def last_line(path: Path) -> str:
-    """The last line of a log that is not blank, at most 300 characters."""
+    """Return the last line of a log file that is not blank, at most 300 characters."""
     lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
     return next((line for line in reversed(lines) if line.strip()), "no output")[:300]
 
@@ -110,6 +111,6 @@ def is_full(error: BaseException) -> bool:
 
 
 def remove_folder(folder: Path) -> None:
-    """Removes the folder of an attempt, if it is there."""
+    """Remove the folder of an attempt with its files, if it exists."""
     shutil.rmtree(folder, ignore_errors=True)
 

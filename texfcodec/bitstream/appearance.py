@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 def material_of(values: dict) -> Material:
-    """The Material of one material's syntax values (5.4.1). Its maps have texture -1: their values are in the fields of its
-    faces."""
+    """Build the Material from one material's syntax values (5.4.1). Its maps have texture -1: their values are in the fields of
+    its faces."""
     flags, maps = values["material_flags"], values["material_channels"]
     parameters = {PARAMETERS[p["parameter_id"]].name: tuple(p["parameter_value"]) for p in values["parameters"]}
     rule = USUAL if values["normal_rule"] is None else rule_of(values["normal_rule"], values["normal_angle"])
@@ -29,14 +29,14 @@ def material_of(values: dict) -> Material:
 
 
 def groups_of(coded: list[dict]) -> tuple[Group, ...]:
-    """The channel groups of their syntax values (5.3.1), which are checked already."""
+    """Build the channel Groups from their syntax values (5.3.1), which are checked already."""
     return tuple(Group(channels, grey=len(channels) == 1 and values["group_components"] < channels[0].components)
                  for values, channels in zip(coded, channels_of(coded), strict=True))
 
 
 def check_groups(groups: list[dict]) -> None:
-    """Checks that each semantic occurs once, and that every group has the components of its semantics or the single component of
-    a grey colour (5.3.1). Raises StreamError, SupportError."""
+    """Check the syntax values of all channel groups: each semantic occurs once, and every group has the components of its
+    semantics or the single component of a grey colour (5.3.1). Raises StreamError, SupportError."""
     semantics = [semantic for group in groups for semantic in group["group_semantics"]]
     if len(set(semantics)) != len(semantics):
         raise StreamError("TXF-S04", "two channels have the same group_semantics", clause="5.3.1", value=semantics)
@@ -49,8 +49,9 @@ def check_groups(groups: list[dict]) -> None:
 
 
 def check_level_shift(values: dict, groups: list[dict], most: int) -> None:
-    """Checks that the plane of a unit is at most `most` levels coarser than its field, and that a plane of base colour or alpha
-    is not coarser at all (5.7). Raises StreamError."""
+    """Check the level_shift of an attribute unit: its plane is at most `most` levels coarser than its field, and a plane of base
+    colour or alpha is not coarser at all (5.7). values: of the unit; groups: syntax values of all channel groups. Raises
+    StreamError."""
     if {channel.semantic for channel in COLOURS} & {*groups[values["group_index"]]["group_semantics"]}:
         most = 0
     if values["level_shift"] > most:
@@ -59,7 +60,7 @@ def check_level_shift(values: dict, groups: list[dict], most: int) -> None:
 
 
 def check_material(values: dict) -> None:
-    """Checks the channels that a material names (5.4.1), and its parameters. Raises StreamError."""
+    """Check the syntax values of one material: the channels that it names (5.4.1), and its parameters. Raises StreamError."""
     allowed = sum(1 << channel.semantic for channel in MAPS)
     if values["material_channels"] & ~allowed:
         raise StreamError("TXF-S04", "material_channels names a channel that no material has", clause="5.4.1",
@@ -80,8 +81,8 @@ def _check_parameters(parameters):
 
 
 def needed_groups(stream: Stream) -> list[list[int]]:
-    """Numbers of the channel groups that each field has planes of (5.7): the groups of base colour and alpha, and groups with a
-    channel that a material of the field's faces names."""
+    """Return for each field the numbers of the channel groups that it must have planes of (5.7): the groups of base colour and
+    alpha, and groups with a channel that a material of the field's faces names."""
     groups = channels_of(stream.header["channel_groups"])
     everywhere = {channel.name for channel in COLOURS}
     materials: list[set] = [set() for _ in stream.fields]
@@ -126,7 +127,7 @@ def parameter_values(material: Material) -> list[dict]:
 
 
 def channel_bits(material: Material) -> int:
-    """material_channels of a material (5.4.1)."""
+    """Return material_channels (5.4.1) of a material, a bit for each channel that it has."""
     return sum(1 << channel.semantic for channel in MAPS if channel.name in material.maps)
 
 

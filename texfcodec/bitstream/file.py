@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 
 def read_stream_file(path: str | PathLike, limits: Limits, head: bytes = b"") -> bytes:
-    """Bytes of a .texf file, or of stdin for "-". head: bytes that have been read already. Raises InputError, LimitError."""
+    """Read and return the bytes of a .texf file, or of stdin for "-". head: bytes that the caller has already read from stdin,
+    with which the result begins. Raises InputError, LimitError."""
     most = -1 if limits.file_bytes is None else max(limits.file_bytes + 1 - len(head), 0)
     try:
         if path == "-":
@@ -31,7 +32,7 @@ def read_stream_file(path: str | PathLike, limits: Limits, head: bytes = b"") ->
 
 
 def read_stream_object(file: BinaryIO, limits: Limits) -> bytes:
-    """Bytes of a .texf stream from a file object open for reading bytes. Raises InputError, LimitError."""
+    """Read and return the bytes of a .texf stream from a file object open for reading bytes. Raises InputError, LimitError."""
     try:
         data = file.read(-1 if limits.file_bytes is None else limits.file_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: it is closed

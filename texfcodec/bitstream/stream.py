@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def write_stream(stream: Stream) -> tuple[bytes, dict[str, int]]:
-    """(bytes of a stream, byte counts {"geometry", "attributes", "other"})."""
+    """Write a whole stream from its syntax values: (bytes, byte counts {"geometry", "attributes", "other"})."""
     sizes = {"geometry": 0, "attributes": 0, "other": len(SIGNATURE)}
     out = bytearray(SIGNATURE)
 
@@ -68,13 +68,15 @@ def write_stream(stream: Stream) -> tuple[bytes, dict[str, int]]:
 
 
 def cells_a_side(field: dict) -> int:
-    """Cells along the longest side of a field's grid or image. field: syntax values of a field unit."""
+    """Return the number of cells (voxels or texels) along the longest side of a field's grid or image. field: syntax values of a
+    field unit."""
     return max(field["width"], field["height"]) if field["support"] == SUPPORT_TEXELS else field["resolution"]
 
 
 def attribute_variables(stream: Stream, values: dict) -> dict:
-    """Variables that the syntax of an attribute unit takes from other units: the resolution of its field, the components of its
-    group."""
+    """Return the variables that the syntax of an attribute unit takes from other units, by name, such as the resolution of its
+    field and the components of its group. stream: the units before; values: the unit's elements read so far. Raises
+    StreamError."""
     if values["field_index"] >= len(stream.fields):
         raise StreamError("TXF-S09", "an attribute unit refers to a field that does not exist", clause="5.7",
                           value=values["field_index"], allowed=f"< {len(stream.fields)}")
@@ -116,10 +118,10 @@ def _check_materials_fit(count, reader):
 
 
 def read_stream(data: bytes, limits: Limits, trace: list | None = None) -> Stream:
-    """Parses a whole stream and checks every rule that needs no decoding. data: bytes.
+    """Parses a whole stream and checks every rule that needs no decoding. data: bytes of a .texf file.
 
-    trace: list that receives (unit, [(element, offset, size, value), ...]). Returns Stream. Raises StreamError, LimitError,
-    SupportError.
+    trace: list that receives for each unit (unit, [(element name, offset, size, value), ...]). Returns Stream. Raises
+    StreamError, LimitError, SupportError.
     """
     units, skipped = read_units(data, limits.file_bytes)
     stream = Stream({})
@@ -137,8 +139,8 @@ def read_stream(data: bytes, limits: Limits, trace: list | None = None) -> Strea
 
 
 def read_payload(view: memoryview, unit: Unit, stream: Stream, limits: Limits, rows: list | None = None) -> None:
-    """Adds a unit's values to the stream of the units before it. rows: as trace of core.syntax_walk.read_structure(). Raises
-    StreamError, LimitError, SupportError."""
+    """Parse the payload of one unit and add its values to stream, which holds those of the units before it, in place. view: the
+    whole file; rows: as trace of core.syntax_walk.read_structure(). Raises StreamError, LimitError, SupportError."""
     reader = Reader(view, unit.begin, unit.end)
     _read_elements(unit, reader, stream, limits, rows)
     if reader.position != reader.end:
@@ -185,7 +187,7 @@ def _read_elements(unit, reader, stream, limits, rows):
 
 
 def normal_rules(materials: list[dict]) -> list[NormalRule]:
-    """Rules of shading normals, of the materials that have a rule. materials: syntax values."""
+    """Return the rules of shading normals of those materials that state one, in their order. materials: syntax values."""
     return [rule_of(m["normal_rule"], m["normal_angle"]) for m in materials if m["normal_rule"] is not None]
 
 

@@ -9,9 +9,9 @@ from ..codecs import codec_of_unit
 
 @dataclass
 class Stream:
-    """Values by syntax element name: header, materials, one dict per field, geometry unit and attribute unit; metadata,
-    sharp_edges and coded_normals or None. skipped: unknown ancillary units; vertices, faces: totals over all geometry units so
-    far."""
+    """The content of a stream, as values by syntax element name: header, materials, one dict per field, geometry unit and
+    attribute unit; metadata, sharp_edges and coded_normals or None. skipped: unknown ancillary units; vertices, faces: totals
+    over all geometry units so far."""
 
     header: dict
     materials: list = field(default_factory=list)

@@ -40,13 +40,14 @@ class Unit:
 
 
 def write_unit(unit_type: int, payload: bytes) -> bytes:
-    """Bytes of a unit: type, length, payload and the CRC-32 over all three."""
+    """Return the bytes of one unit: type, length, payload and the CRC-32 over all three."""
     body = bytes([unit_type]) + write_v(len(payload)) + payload
     return body + struct.pack("<I", zlib.crc32(body))
 
 
 def read_frame(data: memoryview, position: int) -> tuple[Unit, bool]:
-    """(the unit at a position, whether its checksum matches). Raises StreamError if its length is invalid or exceeds the data."""
+    """Read the frame of the unit that begins at a position: (the Unit, whether its checksum matches). Raises StreamError if its
+    length is invalid or exceeds the data."""
     reader = Reader(data, position, len(data))
     unit_type = reader.take(1, "unit_type", "5.2")[0]
     length = reader.read_v("unit_length", "5.2")
@@ -57,7 +58,7 @@ def read_frame(data: memoryview, position: int) -> tuple[Unit, bool]:
 
 
 def wrong_checksum(unit: Unit) -> StreamError:
-    """The error of a unit whose checksum does not match."""
+    """Return, without raising it, the error of a unit whose checksum does not match."""
     return StreamError("TXF-S03", f"the checksum of the {UNIT_NAMES.get(unit.type, 'unknown')} unit does not match",
                        clause="5.2", offset=unit.start)
 
@@ -72,7 +73,8 @@ def check_start(data: bytes, max_file_bytes: int | None = None) -> None:
 
 
 def check_version(data: bytes | memoryview, header: Unit) -> None:
-    """Checks the format version before the rest of the stream: another version may have other units. Raises SupportError."""
+    """Check the format version in the header unit before the rest of the stream: another version may have other units. Raises
+    SupportError."""
     if header.begin < header.end and data[header.begin] != VERSION:
         what = "a newer version" if data[header.begin] > VERSION else "version 0, a draft"
         raise SupportError("TXF-U04", "the stream has another "
@@ -81,7 +83,8 @@ def check_version(data: bytes | memoryview, header: Unit) -> None:
 
 
 def check_place(unit: Unit, seen: set[int]) -> None:
-    """Checks that a unit may follow units of the types seen (spec 5.2). Raises StreamError, SupportError."""
+    """Check that a unit may follow the units before it in the stream (spec 5.2). seen: their types. Raises StreamError,
+    SupportError."""
     if not seen and unit.type != UNIT_HEADER:
         raise StreamError("TXF-S07", "the first unit is not the sequence header", clause="5.2", offset=unit.start)
     if unit.type in ONE_AT_MOST and unit.type in seen:

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 
 def header_values(materials: list[Material], surface: Surface, geometry: list, num_fields: int, groups: Sequence[Group]) -> dict:
-    """Values of the sequence header (spec 5.3). materials: of the stream; groups: the coded channel groups. Raises InputError."""
+    """Return the syntax values of the sequence header (spec 5.3). materials: of the stream; surface: gives the canonical cube;
+    geometry: the geometry units; groups: the coded channel groups. Raises InputError."""
     return {
         "version": VERSION, "position_bits": surface.cube.position_bits, "origin": surface.cube.origin, "side": surface.cube.side,
         "num_materials": len(materials), "num_fields": num_fields, "num_geometry_units": len(geometry),
@@ -34,7 +35,8 @@ def header_values(materials: list[Material], surface: Surface, geometry: list, n
 
 
 def material_values(material: Material, rule: NormalRule | None = None) -> dict:
-    """Values of one material (spec 5.4.1). rule: of its shading normals; None for the material's own. Raises InputError."""
+    """Return the syntax values of one material (spec 5.4.1). rule: of its shading normals; None for the material's own. Raises
+    InputError."""
     rule = material.normals if rule is None else rule
     name = material.name.encode("utf-8", "replace")[:65535].decode("utf-8", "ignore")
     parameters = parameter_values(material)
@@ -47,7 +49,8 @@ def material_values(material: Material, rule: NormalRule | None = None) -> dict:
 
 
 def field_values(number: int, support: VoxelSupport | TexelSupport, threshold: int) -> dict:
-    """Values of a field unit (spec 5.5). threshold: area threshold of the voxels."""
+    """Return the syntax values of a field unit (spec 5.5). number: of the field; threshold: area threshold of the voxels, in
+    1/256 voxel faces."""
     values = {"field_index": number, "num_keys": len(support), "keys_crc": keys_crc(support.keys)}
     if isinstance(support, VoxelSupport):
         return values | {"support": SUPPORT_VOXELS, "resolution": support.resolution, "area_threshold": threshold}
@@ -56,15 +59,16 @@ def field_values(number: int, support: VoxelSupport | TexelSupport, threshold: i
 
 
 def attribute_values(codec: Codec, field: int, group: int, checksum: int, values: dict, shift: int = 0) -> dict:
-    """Values of an attribute unit (spec 5.7). values: the codec's own parameters; shift: number of levels by which the plane is
-    coarser than its field."""
+    """Return the syntax values of an attribute unit (spec 5.7). field, group: their numbers; checksum: CRC-32 of the decoded
+    values; values: the codec's own parameters; shift: number of levels by which the plane is coarser than its field."""
     name = codec.name if codec.id in PRIVATE_IDS else ""
     return {"field_index": field, "group_index": group, "codec_id": codec.id, "codec_name_length": len(name.encode()),
             "codec_name": name, "level_shift": shift, "values_crc": checksum, **values}
 
 
 def metadata_bytes(metadata: dict, limits: Limits, report: Report) -> bytes | None:
-    """The metadata unit's JSON; None without metadata or if it exceeds the limit, which the report then remarks."""
+    """Return the metadata unit's JSON as bytes; None without metadata or if it exceeds the limit, which is then remarked in the
+    report."""
     if not metadata:
         return None
     raw = json_text(metadata, ensure_ascii=False, separators=(",", ":"), sort_keys=True).encode("utf-8", "replace")

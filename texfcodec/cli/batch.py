@@ -35,7 +35,8 @@ NAMES = {"shell_complete": file_names}
 
 
 def batch_flags(option: Callable) -> Callable[[Callable], Callable]:
-    """Decorator: the flags of a batch, whose values batch_of() takes out of the choices. option: of an OptionGroup."""
+    """Return a decorator that adds the flags of --batch to a click command. batch_of() then takes their values out of the
+    choices. option: decorator factory of an OptionGroup, in place of click.option."""
     table = {
         "batch": ("CATALOGUE", {"help": "Encode every mesh in a folder and its subfolders, or in a manifest. Requires --out.",
                                 **NAMES}),
@@ -56,7 +57,8 @@ def batch_flags(option: Callable) -> Callable[[Callable], Callable]:
 
 
 def batch_of(choices: dict[str, Any], source: str | None, out: str | None) -> dict[str, Any] | None:
-    """Takes the values of batch_flags out of the choices and returns them; None without --batch."""
+    """Take the values of the batch flags out of choices (all flags of texf-enc by name) and return them; None without --batch.
+    source, out: the arguments INPUT and OUT.texf. Raises click.UsageError for a combination that is not allowed."""
     flags = {name: choices.pop(name) for name in FLAGS}
     given = [flag_of(name) for name, value in flags.items() if value is not None]
     if flags["batch"] is None:
@@ -75,7 +77,8 @@ def batch_of(choices: dict[str, Any], source: str | None, out: str | None) -> di
 
 
 def encode_batch(console: Console, flags: dict[str, Any], checkpoint: str | None, dry_run: bool) -> int:
-    """Encodes all assets and returns the exit code: 0, EXIT_DIFFERS if an asset failed, EXIT_IO if the disk is full."""
+    """Encode all assets of a catalogue and return the exit code: 0, EXIT_DIFFERS if an asset failed, EXIT_IO if the disk is
+    full. flags: as batch_of() returns them; checkpoint, dry_run: other flags, which a batch refuses."""
     from ..batch.folders import only_run, work_room
     from ..batch.task_progress import progress
 
@@ -105,7 +108,8 @@ def encode_batch(console: Console, flags: dict[str, Any], checkpoint: str | None
 
 
 class Batch:
-    """A batch at work. failed: number of assets; is_full: whether a disk was full; totals: of all assets so far."""
+    """A run of texf-enc --batch. out: folder for results; words: flags for every asset, as words; flags: as batch_of() returns
+    them. failed: number of assets that failed; is_full: whether a disk was full; totals: Totals so far."""
 
     def __init__(self, console: Console, out: Path, words: tuple[str, ...], flags: dict[str, Any]) -> None:
         self.console, self.out, self.words, self.flags = console, out, words, flags
@@ -113,7 +117,8 @@ class Batch:
         self.totals = Totals()
 
     def is_finished(self, asset: Asset) -> bool:
-        """Return whether an asset needs no more work; its line of an earlier run is then counted and printed."""
+        """Return whether an earlier run has encoded an asset already, from the same files and options. Its line of that run's
+        results is then counted in totals and printed."""
         row = self.results.finished(asset, self._words(asset))
         if row is not None:
             self.totals.add(row)
@@ -124,7 +129,8 @@ class Batch:
         return (*self.words, *asset.words)
 
     def run(self, assets: list[Asset], room: Path, show: Callable[[str, str, bool], None]) -> None:
-        """Encodes assets, in processes here or on a cluster, and reports each as it ends."""
+        """Encode assets in processes on this machine, or on the Dask cluster of --scheduler, and report each as it ends. room:
+        folder for the attempts; show(name, line, is_bad): displays the end of an asset, is_bad if it failed."""
         from ..batch.local import run_here
 
         self.show, self.assets = show, {asset.out: asset for asset in assets if asset.error is None}
@@ -216,7 +222,8 @@ class Batch:
         click.echo(json_text(row), file=self.console.results)
 
     def summary(self, count: int, tried: int) -> str:
-        """One line about the whole batch."""
+        """Return one line about the whole batch: how many assets were encoded, were there already, and failed. count: number of
+        assets; tried: those of them that this run had to encode."""
         seconds = time.perf_counter() - self.begin
         return (f"{plural(count, 'asset', 'assets')}: {tried - self.failed} encoded in {seconds:.0f} s, {count - tried} "
                 f"already encoded, {self.failed} failed; see {self.out / 'results.jsonl'}")

@@ -25,8 +25,9 @@ NOT_OF_AN_ASSET = {"batch", "checkpoint", "dry_run", "help", "jobs", "json", "li
 
 @dataclass(frozen=True)
 class Asset:
-    """name: in results; path: its file; out: of its stream, below the folder for results; words: flags of its own; error: the
-    reason that it cannot be encoded, or None; is_named: whether a manifest chose out."""
+    """A mesh to encode. name: its path in the catalogue, which the results repeat; path: its file; out: path of its stream,
+    relative to the folder for results; words: flags for it alone, as words of a command line; error: why it cannot be encoded,
+    or None; is_named: whether a manifest chose out."""
 
     name: str
     path: Path
@@ -37,11 +38,11 @@ class Asset:
 
 
 def read_catalogue(source: Path, out: Path, note: Callable[[str], object], passed_over: PassedOver | None = None) -> list[Asset]:
-    """Assets of a folder with its subfolders, sorted by name, or of a manifest, in its order; stream_names.py names their
-    streams.
+    """Return the assets of a catalogue: the mesh files of a folder and its subfolders, sorted by name, or those of a manifest,
+    in its order. Each gets a unique name for its stream (stream_names.py).
 
-    out: the folder for results, which is skipped; note(text): reports skipped links; passed_over: gets other files. Raises
-    InputError TXF-I57, and TXF-I01 for a catalogue that does not exist.
+    source: the folder or manifest; out: the folder for results, which is skipped; note(text): reports skipped links;
+    passed_over: gets the files that are not meshes. Raises InputError TXF-I57, and TXF-I01 for a catalogue that does not exist.
     """
     try:
         if source.is_dir():
@@ -120,8 +121,8 @@ def _check(is_fine, text):
 
 
 def words_of(options: dict[str, Any]) -> tuple[str, ...]:
-    """Options as flags: {"qp": 24, "measure": true, "limit": ["faces=9", "voxels=9"]} is --qp 24 --measure --limit faces=9
-    --limit voxels=9. Raises ValueError for values of other types."""
+    """Return options of a manifest as words of a command line: {"qp": 24, "measure": true, "limit": ["faces=9", "voxels=9"]}
+    becomes --qp 24 --measure --limit faces=9 --limit voxels=9. Raises ValueError for values of other types."""
     words = []
     for name, value in options.items():
         _check(name.replace("-", "_") not in NOT_OF_AN_ASSET, f"{name} is not an option of an asset")
@@ -135,7 +136,7 @@ def words_of(options: dict[str, Any]) -> tuple[str, ...]:
 
 
 def words_given(context: click.Context, without: tuple[str, ...]) -> tuple[str, ...]:
-    """The flags of a command line as words, without parameters of these names."""
+    """Return the flags that the user gave on a command line as words, except parameters whose names are in `without`."""
     words: list[str] = []
     for parameter in context.command.params:
         name = str(parameter.name)

@@ -29,7 +29,8 @@ STYLE = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
 class Console:
-    """Output of a command: results on stdout, the rest on stderr; errors go with the results if they are JSON."""
+    """Output of a command: results go to stdout, everything else to stderr. With --json errors go with the results. arguments:
+    words of the command line, which may contain --json and --quiet."""
 
     def __init__(self, arguments: list[str]) -> None:
         self.as_json, self.quiet = "--json" in arguments, "--quiet" in arguments
@@ -41,17 +42,17 @@ class Console:
         self.results, interrupts.Talk.errors = sys.stderr, 2
 
     def note(self, text: str) -> None:
-        """A line of prose on stderr, unless --quiet."""
+        """Print a line of prose on stderr, unless --quiet."""
         if not self.quiet:
             click.echo(printable(text), err=True)
 
     def note_first_run(self, seconds: int) -> None:
-        """Announces the compilation of kernels if they are not compiled. seconds: ENCODING or DECODING of precompile.py."""
+        """Announce that kernels will be compiled, unless they are cached. seconds: about how long it takes, such as ENCODING."""
         if line := first_run(seconds):
             self.note(line)
 
     def result(self, facts: dict, lines: Iterable[str]) -> None:
-        """Prints the outcome: facts as one JSON object with --json, otherwise the lines, which --quiet silences."""
+        """Print the result of the command: with --json the facts as one JSON object, else the lines, unless --quiet."""
         cleanup.finish()
         if self.as_json:
             text = json_text({"schema": SCHEMA, **facts})
@@ -63,13 +64,13 @@ class Console:
         self.results.flush()
 
     def warnings(self, report: Report) -> None:
-        """Prints warnings, dropped properties and remarks on stderr, a line each."""
+        """Print a report's warnings, dropped properties and remarks on stderr, one line each."""
         for name, sign in SIGNS.items():
             for text in getattr(report, name):
                 self.note(f"{sign}: {text}")
 
     def fail(self, code: str, message: str, exit_code: int, **details: object) -> int:
-        """Prints one error and returns its exit code."""
+        """Print an error and return exit_code. code: TXF-...; details: its other facts by name, such as value and allowed."""
         cleanup.finish()
         if self.as_json:
             error = {"code": code, "message": message, "exit_code": exit_code, **details}
@@ -91,7 +92,8 @@ class Console:
 
 
 def run(command: click.Command, arguments: list[str] | None = None) -> NoReturn:
-    """Runs a click command and exits with the codes of errors.py; no traceback reaches the user."""
+    """Run a click command and exit with one of the codes of errors.py; every exception becomes an error message. arguments:
+    words after the program's name; sys.argv by default, and Ctrl-C is then handled here."""
     cleanup.begin()
     if arguments is None:  # the process is this command; otherwise Ctrl-C is its caller's
         interrupts.install()
@@ -141,12 +143,12 @@ def _remedy(error):
 
 
 def printable(text: str) -> str:
-    """The text without control characters: names in a file must not steer the terminal."""
+    """Return the text with control characters escaped, because names in a file must not steer the terminal."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def check_output(path: str, inputs: Iterable[str] = ()) -> None:
-    """Refuses a path that cannot be written before any work is done, and an input file. "-" and devices are accepted."""
+    """Raise InputError if an output path cannot be written or is one of the inputs. "-" (stdout) and devices pass."""
     from ..io.output_files import check_target
 
     if path != "-" and not is_device(path):
@@ -154,9 +156,9 @@ def check_output(path: str, inputs: Iterable[str] = ()) -> None:
 
 
 def write_output(path: str, data: bytes, inputs: Iterable[str] = ()) -> None:
-    """Writes bytes to stdout ("-"), to a device, or to a temporary name beside the path that is then renamed.
+    """Write data to stdout ("-"), to a device, or to a file, under a temporary name beside the path that is then renamed.
 
-    Refuses a path that is one of the inputs. It is the last step of a command.
+    It must be the last step of a command. Raises InputError if the path is one of the inputs or cannot be written.
     """
     from ..io.output_files import as_input_error, write_all
 
@@ -180,12 +182,12 @@ def write_output(path: str, data: bytes, inputs: Iterable[str] = ()) -> None:
 
 
 def is_device(path: str) -> bool:
-    """Return whether a path must not be replaced by a file: a device or a pipe."""
+    """Return whether a path names a device or a pipe, which must be written to and not replaced by a file."""
     return os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path)
 
 
 def run_facts(report: Report) -> dict[str, Any]:
-    """Facts at the end of every report of a run: time, memory, warnings, losses and remarks."""
+    """Return the last entries of every JSON result: seconds by stage, peak memory, warnings, dropped and remarks of a report."""
     from ..report import peak_memory_bytes
 
     return {"seconds": seconds_of(report), "peak_memory_bytes": peak_memory_bytes(), "warnings": report.warnings,
@@ -193,12 +195,13 @@ def run_facts(report: Report) -> dict[str, Any]:
 
 
 def seconds_of(report: Report) -> dict[str, float]:
-    """Seconds by stage as reports print them, with those of the whole command under "total"."""
+    """Return the seconds of a report by stage, rounded for output, and under "total" those of the whole command so far."""
     stages = {name: round(value, 4) for name, value in report.seconds.items()}
     return {**stages, "total": round(time.perf_counter() - BEGIN, 4)}
 
 
 def timing_line(seconds: dict[str, float], peak: int | None) -> str:
-    """One line for people: seconds by stage and the largest memory."""
+    """Return one line for people with the seconds, in total and by stage, and the peak memory. seconds: as seconds_of() returns
+    them; peak: bytes, None if unknown."""
     stages = ", ".join(f"{name} {value:.2f}" for name, value in seconds.items() if name != "total" and value >= 0.005)
     return f"{seconds['total']:.2f} s ({stages})" + (f", peak memory {peak / 1e6:.0f} MB" if peak else "")

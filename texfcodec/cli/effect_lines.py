@@ -9,7 +9,8 @@ DECISIONS = ("coded", "constant", "absent")
 
 
 def counted(facts: dict) -> tuple[str, str]:
-    """("9 voxels, 7 texels", "2.500 attribute bits per voxel or texel") of a report's facts; the second is "" without values."""
+    """Return ("9 voxels, 7 texels", "2.500 attribute bits per voxel or texel") for the facts of an encoded stream (its counts
+    and bytes); the second is "" without values."""
     places = [name for name in ("voxels", "texels") if facts[name]]
     total, nouns = sum(facts[name] for name in places), " or ".join(name.removesuffix("s") for name in places)
     counts = ", ".join(plural(facts[name], name.removesuffix("s"), name) for name in places or ["voxels"])
@@ -17,9 +18,10 @@ def counted(facts: dict) -> tuple[str, str]:
 
 
 def decision_lines(decisions: list[dict], channels: list[dict]) -> Iterator[str]:
-    """Yields a line for each channel that a material in use has.
+    """Yield a line for each channel that a material in use has: whether it is coded, why, and at what cost.
 
-    decisions: of encoder.prepare.materials; channels: an entry with its bytes for each coded group, [] before coding.
+    decisions: "decisions" of encoder.prepare.materials, one dict per channel; channels: one dict with names, bytes and PSNR per
+    coded group of channels, [] before coding.
     """
     for entry in decisions:
         name = entry["channel"]

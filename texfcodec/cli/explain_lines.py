@@ -12,14 +12,16 @@ SAID = {"better": "better than requested", "buys": "saves bytes", "saves": "save
 
 
 def explain_flags(option: Callable) -> Callable[[Callable], Callable]:
-    """Decorator: --explain-time and --explain-seconds. option: of an OptionGroup."""
+    """Return a decorator that adds --explain-time and --explain-seconds to a click command. option: decorator factory of an
+    OptionGroup, in place of click.option."""
     seconds = number(0.1, 1e6, "As --explain-time, but try settings for S seconds.  [default: 4 encodes]")
     return lambda command: option("--explain-time", is_flag=True, help=TEXT)(
         option("--explain-seconds", metavar="S", **seconds)(command))
 
 
 def seconds_to_explain(choices: dict, dry_run: bool) -> float | None:
-    """Takes both flags out of choices; returns the seconds for other settings, 0 if not given, None without either flag."""
+    """Take --explain-time and --explain-seconds out of choices (all flags by name) and return the seconds for trying other
+    settings: 0 for the default, None without either flag. dry_run: the flag --dry-run, which excludes both."""
     explains, seconds = choices.pop("explain_time"), choices.pop("explain_seconds")
     if dry_run and (explains or seconds):
         raise click.UsageError("--explain-time and --dry-run cannot be combined")
@@ -27,7 +29,8 @@ def seconds_to_explain(choices: dict, dry_run: bool) -> float | None:
 
 
 def explain_lines(explained: dict) -> Iterator[str]:
-    """Lines for people from the result of encoder.explain.explain_time: stages by their seconds, then a table of changes."""
+    """Yield lines for people from the dict of encoder.explain.explain_time: seconds by stage, then a table of the settings
+    tried, with their time, bytes and PSNR."""
     total = sum(explained["stages"].values()) or 1.0
     shown = sorted(explained["stages"].items(), key=lambda stage: -stage[1])
     yield "time by stage: " + ", ".join(f"{name} {seconds:.2f} s ({100 * seconds / total:.0f} %)"

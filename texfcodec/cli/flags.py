@@ -32,12 +32,13 @@ _LIMIT_TEXT = {
 
 
 def flag_of(name: str) -> str:
-    """The flag of a field of options or of a parameter."""
+    """Return the flag of a field of options or of a parameter: --texel-size of "texel_size", --out of "batch_out"."""
     return _OTHER_FLAGS.get(name, "--" + name.replace("_", "-"))
 
 
 def number(low: float, high: float, text: str = "") -> dict[str, Any]:
-    """Keywords of a click option that takes a whole number (or, with a float low, any number) in low..high."""
+    """Return the keywords type, callback and help of a click option whose value is a number in low..high: an integer, or a float
+    if low is a float. text: its help."""
 
     def check(context, parameter, value):
         if value is not None and not low <= value <= high:
@@ -48,15 +49,15 @@ def number(low: float, high: float, text: str = "") -> dict[str, Any]:
 
 
 def file_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> list:
-    """Completion of a file name, for shell_complete: the shell itself completes it."""
+    """Complete a file name: a shell_complete callback that leaves the work to the shell. incomplete: the word typed so far."""
     from click.shell_completion import CompletionItem
 
     return [CompletionItem(incomplete, type="file")]
 
 
 def option_flags(kind: type, *names: str, option: Callable = click.option) -> Callable[[Callable], Callable]:
-    """Decorator: a flag for each of these fields of EncodeOptions or DecodeOptions; None, or False, if it is not given. option:
-    click's, or that of an OptionGroup."""
+    """Return a decorator that adds a flag for each named field of an options class. A flag that the user does not give has the
+    value None, or False for a switch. kind: EncodeOptions or DecodeOptions; option: click.option, or that of an OptionGroup."""
     table = {named.name: named for named in fields(kind)}
 
     def decorate(function):
@@ -92,8 +93,8 @@ def _default_text(option):
 
 
 def limit_flags(*names: str, option: Callable = click.option) -> Callable[[Callable], Callable]:
-    """Decorator: --limit NAME=N for these fields of Limits, and the hidden flags --max-NAME of version 0.9; limits_of() reads
-    them. option: click's, or that of an OptionGroup."""
+    """Return a decorator that adds --limit NAME=N for the named fields of Limits, and the hidden flags --max-NAME of version
+    0.9. limits_of() reads their values. option: click.option, or that of an OptionGroup."""
     shown = [f"{name.replace('_', '-')}={getattr(Limits(), name)}" for name in names]
     lines = [f"{text:{max(map(len, shown))}}  {_LIMIT_TEXT[name]}".rstrip() for text, name in zip(shown, names, strict=True)]
     text = "Limit NAME to N; 0 for no limit. May be repeated.\n\n\b\n[default:\n" + "\n".join(lines) + "]"
@@ -117,7 +118,7 @@ def limit_flags(*names: str, option: Callable = click.option) -> Callable[[Calla
 
 
 def limits_of(choices: dict) -> Limits:
-    """Takes the values of limit_flags out of the choices and returns them as Limits."""
+    """Take the values of the flags of limit_flags() out of choices (all flags by name) and return them as Limits."""
     old = {name: choices.pop(f"max_{name}") for name in Limits.__dataclass_fields__ if f"max_{name}" in choices}
     pairs = (word.split("=") for word in choices.pop("limit"))
     new = {name.replace("-", "_"): int(count) for name, count in pairs}
@@ -125,7 +126,7 @@ def limits_of(choices: dict) -> Limits:
 
 
 def report_flags(quiet: str = "Print only errors: no progress, warnings or summary.") -> Callable[[Callable], Callable]:
-    """Decorator: --json, --quiet with the given help, and --version."""
+    """Return a decorator that adds --json, --quiet and --version to a click command. quiet: help text of --quiet."""
 
     def decorate(function):
         function = click.version_option(__version__, message="%(prog)s %(version)s")(function)
@@ -136,7 +137,7 @@ def report_flags(quiet: str = "Print only errors: no progress, warnings or summa
 
 
 def size_of(context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
-    """(width, height) of N or WxH: callback of a --size in pixels."""
+    """Return (width, height) in pixels of "N" or "WxH": callback of the option --size. Raises click.BadParameter."""
     parts = value.lower().split("x")
     if len(parts) > 2 or not all(p.isascii() and p.isdigit() and 1 <= int(p) <= MOST_PIXELS for p in parts):
         raise click.BadParameter(f"{value} is neither N nor WxH with sides in 1..{MOST_PIXELS}.")
@@ -144,7 +145,8 @@ def size_of(context: click.Context, parameter: click.Parameter, value: str) -> t
 
 
 def direction_of(context: click.Context, parameter: click.Parameter, value: str) -> tuple[float, ...]:
-    """Direction from the object to the camera of a view's name: callback of a --view."""
+    """Return the direction (x, y, z) from the object to the camera for the name of a view, "fibonacci:I" or "AZIMUTH,ELEVATION"
+    in degrees: callback of the option --view. Raises click.BadParameter."""
     from ..render.camera import VIEWS, direction_of_angles, fibonacci_direction
 
     name, _, index = value.partition(":")

@@ -24,15 +24,15 @@ CARRIED = "{}: the carried stream is read instead of its fallback"
 
 
 def check_stdin_once(*paths: str | None) -> None:
-    """Refuses a command line in which more than one input is "-"."""
+    """Raise click.UsageError if more than one input path is "-". paths: those of the command line, None for an absent one."""
     if paths.count("-") > 1:
         raise click.UsageError("only one input may be - (stdin)")
 
 
 def read_stream(path: str, limits: Limits) -> bytes:
-    """Bytes of a .texf file, or of stdin for "-"; from a GLB that carries a stream, the stream.
+    """Return the bytes of a .texf stream from a file, or from stdin for "-". A GLB that carries a stream gives that stream.
 
-    Errors: as read_stream_file(), and TXF-I26 for a GLB without a stream.
+    Raises the errors of read_stream_file(), and TXF-I26 for a GLB without a stream.
     """
     from ..io.gltf.carried import stream_within
 
@@ -50,9 +50,9 @@ def read_streams(path: str, limits: Limits) -> list[bytes]:
 
 
 def load_mesh(path: str, strict: bool = False, limits: Limits | None = None) -> Scene:
-    """Scene of a mesh file, or of one on stdin for "-", in any format of a single file.
+    """Return the Scene of a mesh file, or of a mesh on stdin for "-", which must be a format that needs no second file.
 
-    Errors: as io.load, and TXF-I05 if the first bytes on stdin belong to no known format.
+    strict, limits: as of io.load.load(). Raises its errors, and TXF-I05 if the first bytes on stdin belong to no known format.
     """
     from ..io.load import load
 
@@ -60,7 +60,7 @@ def load_mesh(path: str, strict: bool = False, limits: Limits | None = None) -> 
 
 
 def open_asset(path: str, is_stream: bool, limits: Limits | None = None) -> bytes | Scene:
-    """The bytes of a stream, or the Scene of a mesh. is_stream: whether a path that is not "-" names a stream."""
+    """Return the bytes of a stream or the Scene of a mesh. is_stream: what path names; for "-", stdin, the first bytes say."""
     limits = limits or Limits()
     if path == "-":
         head = _stdin(len(_STREAM_MAGIC))
@@ -71,7 +71,8 @@ def open_asset(path: str, is_stream: bool, limits: Limits | None = None) -> byte
 
 
 def files_of(path: str, scene: Scene | None) -> list[str]:
-    """Paths that no output may replace: the files of a Scene, or the file of a stream (scene None)."""
+    """Return the paths that were read for an input and that no output may replace: the files of a Scene, or path alone for a
+    stream (scene None). "-" is left out."""
     return [name for name in (scene.files if scene is not None else [path]) if name != "-"]
 
 
@@ -91,7 +92,7 @@ def _stdin_mesh(data, strict, limits):
 
 
 def carried_stream(path: str, limits: Limits) -> bytes | None:
-    """The stream that a GLB carries; None for any other path, and if it cannot be extracted."""
+    """Return the bytes of the stream that a GLB carries. None if path is no GLB or if no stream can be extracted."""
     try:
         with open(path, "rb") as file:
             if file.read(len(_GLB_MAGIC)) != _GLB_MAGIC:
@@ -102,10 +103,10 @@ def carried_stream(path: str, limits: Limits) -> bytes | None:
 
 
 def open_carried(path: str, options: DecodeOptions, report: Report) -> Texf | None:
-    """The Texf of the stream that a GLB carries; None for any other path, and for a stream that cannot be decoded, whose error
-    load_mesh() reports.
+    """Decode the stream that a GLB carries and return its Texf. None if path is no GLB, or if its stream cannot be decoded, an
+    error that load_mesh() then reports.
 
-    report: times, warnings, and a remark that this is not the mesh beside it.
+    report: gets seconds, warnings, and a remark that the stream is read instead of the GLB's own mesh.
     """
     data = carried_stream(path, options.limits)
     try:
@@ -125,9 +126,9 @@ def _decoded(data, options, report):
 
 
 def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Report) -> Scene | Texf:
-    """The asset to draw: a Texf of a stream or a Scene of a mesh.
+    """Return the asset at path, to be drawn: the decoded Texf of a stream, or the Scene of a mesh.
 
-    inputs: gets the names of the input files; report: times, warnings, and the parts of a mesh that are not read.
+    inputs: the names of the files read are appended; report: gets seconds, warnings, and the parts of a mesh that are not read.
     """
     texf = open_carried(path, options, report)
     if texf is not None:
@@ -144,9 +145,9 @@ def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Rep
 
 
 def checked_stream(data: bytes, limits: Limits) -> list[str]:
-    """Warnings about a stream for the page of texf-view, which decodes its values; everything around the values is checked here.
+    """Check a stream for the page of texf-view, all but its values, which the page decodes itself; return the warnings.
 
-    Raises the errors of decode() for clauses 4 and 5, and TXF-U11.
+    Raises the errors of decode() for clauses 4 and 5, and TXF-U11 for plug-in codecs.
     """
     from ..bitstream.stream import read_stream
     from ..codecs.base import PRIVATE_IDS
@@ -160,7 +161,7 @@ def checked_stream(data: bytes, limits: Limits) -> list[str]:
 
 
 def say_losses(console: Console, report: Report) -> None:
-    """Prints a Report's warnings and remarks one by one, and only the number of properties that are not read."""
+    """Print a report's warnings and remarks one by one, and only the number of dropped properties; with --json nothing."""
     if not console.as_json:
         for text in report.remarks:
             console.note(f"note: {text}")

@@ -24,7 +24,7 @@ CLOSED = "closed"
 
 
 class Talk:
-    """State of the command that the thread reads.
+    """State of the command, which the thread that answers Ctrl-C reads.
 
     partly: a pipe or device may have received a part; kept: finished results are kept; bar: a progress bar is on the terminal;
     closes: Ctrl-C is the intended end of the command; quiet: it prints nothing then; errors: the descriptor for errors as JSON,
@@ -91,7 +91,7 @@ def _wait(ear):
 
 
 def error_line(message: str) -> bytes:
-    """The line for people, or the JSON object if the command line requests JSON, as bytes; without the json module."""
+    """Return the error of an interrupt as bytes, a line for people or JSON with --json, without using the json module."""
     if "--json" in sys.argv[1:]:
         error = f'"code": "{CODE}", "message": "{message}", "exit_code": {EXIT_INTERRUPTED}'
         return f'{{"schema": 1, "error": {{{error}}}}}\n'.encode()

@@ -19,10 +19,11 @@ def is_system_file(name: str) -> bool:
 
 
 class PassedOver(dict[str, list[str]]):
-    """Names of skipped files, by suffix in lower case or by kind."""
+    """Names of the files that a catalogue skips: a dict of lists by suffix in lower case, or by kind."""
 
     def add(self, name: str, is_system: bool = False) -> None:
-        """Adds a file, by its path in the catalogue, that is not encoded. is_system: it is a folder of the operating system."""
+        """Add a file that is not encoded; files that a mesh may refer to are ignored. name: its path in the catalogue;
+        is_system: whether it is a folder of the operating system."""
         path = PurePath(name)
         if is_system or is_system_file(path.name):
             self.setdefault(_SYSTEM, []).append(name)

@@ -16,9 +16,9 @@ from .catalogue import RESULTS, Asset
 
 
 class Results:
-    """The results in a folder; the last line of a stream counts.
+    """results.jsonl in a folder for results: one JSON line per asset; the last line of a stream counts.
 
-    lines: {stream: line of JSON}, as at the beginning. A truncated line is ignored.
+    lines: {name of a stream: its line}, as the file was when this object was made. A truncated line is ignored.
     """
 
     def __init__(self, out: Path) -> None:
@@ -31,7 +31,7 @@ class Results:
         self._is_whole = line.endswith(b"\n")
 
     def append(self, row: dict[str, Any]) -> None:
-        """Appends a line, or raises OSError and leaves the file unchanged."""
+        """Append a row to the file as one line of JSON. Raises OSError and leaves the file unchanged if the disk is full."""
         line = json_text(row).encode() + b"\n"
         line, number = line if self._is_whole else b"\n" + line, os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         try:
@@ -45,8 +45,8 @@ class Results:
         self._is_whole = True
 
     def finished(self, asset: Asset, words: tuple[str, ...]) -> dict[str, Any] | None:
-        """The line of an asset that is already encoded from the same files, options and version, if its stream is unchanged; else
-        None."""
+        """Return the row of an asset that an earlier run encoded from the same files, options and version and whose stream is
+        unchanged; else None. words: the asset's options as words of a command line."""
         row = json.loads(self.lines.get(asset.out, b"{}"))
         if "stream" not in row or asset.error:
             return None
@@ -62,6 +62,6 @@ class Results:
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file's bytes. Raises OSError."""
+    """Return the SHA-256 of a file's bytes in hexadecimal. Raises OSError."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

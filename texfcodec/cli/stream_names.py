@@ -25,7 +25,7 @@ SUFFIX = ".texf"
 
 
 def short_name(name: Path) -> str:
-    """The usual name of an asset's stream, by the path of its file below the catalogue."""
+    """Return the usual name of an asset's stream: the path of its mesh file in the catalogue with the suffix .texf."""
     return _inside(name).with_suffix(SUFFIX).as_posix()
 
 
@@ -47,7 +47,7 @@ _FORMS: tuple[Callable[[Path], str], ...] = (short_name, _whole_name, _marked_na
 
 
 def given_names(results: Path) -> dict[str, str]:
-    """{asset: name of its stream} of the assets with a stream in a file of results."""
+    """Return {name of an asset: name of its stream} for the assets with a stream in a results.jsonl, which may not exist."""
     names: dict[str, str] = {}
     with contextlib.suppress(OSError), open(results, "rb") as file:
         for line in file:
@@ -59,10 +59,10 @@ def given_names(results: Path) -> dict[str, str]:
 
 
 def with_own_names(assets: list[Asset], given: dict[str, str]) -> list[Asset]:
-    """The assets, each with a unique name of its stream, even on systems that ignore letter case.
+    """Return the assets, each with a unique name of its stream in out, even on systems that ignore letter case.
 
-    Assets that no rule distinguishes, such as the same file twice, get error TXF-O16. given: of given_names(); names that a
-    manifest chose are kept.
+    Assets that no rule distinguishes, such as the same file twice, get error TXF-O16. given: names of an earlier run, as
+    given_names() returns them, which are kept, as are names that a manifest chose.
     """
     form = [0] * len(assets)
     for number, asset in enumerate(assets):

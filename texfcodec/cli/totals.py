@@ -16,10 +16,10 @@ MEASURES = {"y": "Y", "rgb": "RGB"}  # of an asset's check, and what they are ca
 
 @dataclass
 class Totals:
-    """Totals of the assets that have streams.
+    """Totals of a batch.
 
-    source_bytes, stream_bytes: sums; psnr: by measure, (dB, name of the asset), infinite if exact; warned, lossy: assets with
-    warnings, and with properties that are not coded; failed: assets without a stream.
+    assets: number with streams; source_bytes, stream_bytes: their sums; psnr: by measure, (dB, name of the asset) of each,
+    infinite if exact; warned, lossy: number with warnings, and with dropped properties; failed: number without a stream.
     """
 
     assets: int = 0
@@ -31,7 +31,7 @@ class Totals:
     psnr: dict[str, list[tuple[float, str]]] = field(default_factory=lambda: {name: [] for name in MEASURES})
 
     def add(self, row: dict[str, Any]) -> None:
-        """Adds a line of results.jsonl."""
+        """Add an asset to the totals. row: its line of results.jsonl, as a dict."""
         if "error" in row:
             self.failed += 1
             return
@@ -78,7 +78,8 @@ class Totals:
 
 
 def losses_in_words(result: dict[str, Any]) -> str:
-    """Losses and warnings of an asset, for people: "; 2 losses, the first: animation 'walk'"."""
+    """Return the number and the first of an asset's losses and warnings, for people: "; 2 losses, the first: animation 'walk'".
+    result: the JSON result of texf-enc."""
     lists = (result.get("dropped"), "loss", "losses"), (result.get("warnings"), "warning", "warnings")
     return "".join(f"; {plural(len(texts), singular, many)}{', the first' * (len(texts) > 1)}: {texts[0]}"
                    for texts, singular, many in lists if texts)

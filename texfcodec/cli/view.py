@@ -200,7 +200,7 @@ def _facts(shown, report):
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:
-    """The entry point."""
+    """Run texf-view and exit. arguments: the words after its name, sys.argv by default."""
     run(view, arguments)
 
 

@@ -77,7 +77,7 @@ def codec_names() -> list[str]:
 
 
 def codec_of(name: str) -> Codec:
-    """The codec of this name. Raises SupportError for an unknown name and for a plug-in that cannot be used."""
+    """Return the codec of this name. Raises SupportError for an unknown name and for a plug-in that cannot be used."""
     if isinstance(name, str):
         if name in OURS:
             return _ours(name)
@@ -87,8 +87,8 @@ def codec_of(name: str) -> Codec:
 
 
 def codec_of_unit(values: dict) -> Codec:
-    """The codec of an attribute unit (5.7): by id, or by name and id if the id is private. values: of the unit. Raises
-    SupportError."""
+    """Return the codec of an attribute unit (5.7): by codec_id, or by codec_name and id if the id is private. values: syntax
+    values of the unit. Raises SupportError."""
     number, name = values["codec_id"], values.get("codec_name")
     if number not in PRIVATE_IDS:
         for ours, (id, *_) in OURS.items():
@@ -107,14 +107,16 @@ def codec_of_unit(values: dict) -> Codec:
 
 
 def plane_codec_of_unit(values: dict) -> PlaneCodec:
-    """codec_of_unit() for the units of a stream without a joint unit."""
+    """Return the codec of a unit that codes one channel group of one field, by codec_of_unit(). values: syntax values of the
+    unit, of a stream without a joint unit."""
     codec = codec_of_unit(values)
     assert isinstance(codec, PlaneCodec)
     return codec
 
 
 def joint_codec_of_unit(values: dict) -> JointCodec:
-    """codec_of_unit() for Stream.joint."""
+    """Return the codec of the unit that codes all fields together, by codec_of_unit(). values: its syntax values,
+    Stream.joint."""
     codec = codec_of_unit(values)
     assert isinstance(codec, JointCodec)
     return codec

@@ -68,7 +68,7 @@ class Group(NamedTuple):
         return np.ascontiguousarray(joined[:, : self.components])
 
     def split(self, values: np.ndarray) -> dict:
-        """Mirror of join().
+        """Split values of the group into planes by channel; the mirror of join().
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class Source(NamedTuple):
         return tuple(channel for group in self.groups for channel in group.channels)
 
     def mapped(self, channel: Channel) -> np.ndarray:
-        """Selects the faces whose material has a map of a channel.
+        """Select the faces whose material has a map, such as a texture, of a channel.
 
         Parameters
         ----------
@@ -212,8 +212,8 @@ class Joint(NamedTuple):
 
 
 class Codec(ABC):
-    """A way to code values on the keys of a support. In all methods, `values` are the syntax values of an attribute unit (spec
-    5.7)."""
+    """A way to code values in the cells (voxels or texels) of a support. In all methods, `values` are the syntax values of an
+    attribute unit (spec 5.7)."""
 
     id: int  # codec_id in the stream
     name: str  # value of --codec
@@ -234,7 +234,7 @@ class Codec(ABC):
         return self.structures[0]
 
     def write_parameters(self, values: dict) -> bytes:
-        """Writes the codec's part of an attribute unit.
+        """Return the codec's own part of an attribute unit as bytes, by the codec's structures.
 
         Parameters
         ----------
@@ -247,7 +247,7 @@ class Codec(ABC):
         return write_structure(self.parameters, values)
 
     def read_parameters(self, reader: Reader, values: dict, trace: list | None = None) -> None:
-        """Mirror of write_parameters().
+        """Read the codec's own part of an attribute unit into values; the mirror of write_parameters().
 
         Parameters
         ----------
@@ -264,7 +264,7 @@ class Codec(ABC):
         read_structure(self.parameters, reader, values, trace)
 
     def settings(self, options: EncodeOptions) -> Settings:
-        """Extracts the settings of enc() from the options.
+        """Pick the settings of enc() from the options of a whole encode.
 
         Parameters
         ----------
@@ -282,7 +282,7 @@ class Codec(ABC):
         return self.settings_type(**{name: getattr(options, name) for name in names})
 
     def check_options(self, options: EncodeOptions) -> None:
-        """Refuses options that contradict each other.
+        """Refuse options of an encode with this codec that contradict each other.
 
         Parameters
         ----------
@@ -296,7 +296,7 @@ class Codec(ABC):
         return None
 
     def check(self, values: dict) -> None:
-        """Checks relations between syntax values that ranges cannot express.
+        """Check relations between the syntax values of a unit that ranges of single elements cannot express.
 
         Parameters
         ----------
@@ -310,7 +310,7 @@ class Codec(ABC):
         return None
 
     def describe(self, values: dict) -> dict:
-        """Describes an attribute unit for inspect().
+        """Describe an attribute unit's coding, such as QP and bytes, for inspect().
 
         Parameters
         ----------
@@ -323,7 +323,7 @@ class Codec(ABC):
         return {}
 
     def profile(self, values: dict) -> str:
-        """Profile that an attribute unit requires.
+        """Return the profile of the specification (10.3) that a decoder of this attribute unit needs.
 
         Parameters
         ----------
@@ -349,7 +349,7 @@ class Codec(ABC):
         return 0
 
     def info_lines(self, group: dict) -> Iterator[str]:
-        """Formats an attribute unit for texf-info.
+        """Yield the lines of text that texf-info prints about one attribute unit of this codec.
 
         Parameters
         ----------
@@ -386,7 +386,7 @@ class Codec(ABC):
         return None
 
     def seconds(self, options: EncodeOptions) -> float:
-        """Estimates the time that encoding takes because of this codec.
+        """Estimate the seconds that an encode takes longer because of this codec.
 
         Parameters
         ----------
@@ -426,7 +426,7 @@ class PlaneCodec(Codec):
 
     @abstractmethod
     def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
-        """Mirror of enc().
+        """Decode the plane that enc() coded, or a coarser one.
 
         Parameters
         ----------
@@ -449,7 +449,7 @@ class PlaneCodec(Codec):
         """
 
     def step(self, values: dict) -> float | None:
-        """Quantiser step of the decoded values.
+        """Return the quantiser's step that the decoded values of a unit were coded with.
 
         Parameters
         ----------
@@ -463,7 +463,7 @@ class PlaneCodec(Codec):
         return None
 
     def dec_watched(self, values: dict, support: VoxelSupport, threads: int) -> tuple[np.ndarray, Reading]:
-        """Decodes all levels and reports how the unit was read, for validation.
+        """Decode all levels of a plane as dec() does, and report which bytes were read, for validation.
 
         Parameters
         ----------
@@ -490,7 +490,7 @@ class JointCodec(Codec):
 
     @abstractmethod
     def enc(self, source: Source, options: Settings, report: Report) -> Joint:
-        """Codes a source.
+        """Code all fields and channel groups of a source in one unit.
 
         Parameters
         ----------
@@ -522,7 +522,7 @@ class JointCodec(Codec):
     @abstractmethod
     def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
             options: DecodeOptions, report: Report) -> list[Evaluator]:
-        """Decodes the unit.
+        """Decode the unit to one Evaluator for each field.
 
         Parameters
         ----------
@@ -545,7 +545,7 @@ class JointCodec(Codec):
 
     @abstractmethod
     def pack(self, evaluators: list) -> tuple[dict, dict]:
-        """Packs evaluators for another process.
+        """Turn evaluators into plain values and arrays that another process can rebuild them from.
 
         Parameters
         ----------
@@ -559,7 +559,7 @@ class JointCodec(Codec):
 
     @abstractmethod
     def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list[Evaluator]:
-        """Mirror of pack(). It trusts none of its arguments.
+        """Rebuild the evaluators from what pack() returned in another process, trusting none of it.
 
         Parameters
         ----------
@@ -580,7 +580,7 @@ class JointCodec(Codec):
 
     @abstractmethod
     def result_lines(self, facts: dict) -> Iterator[str]:
-        """Formats the choices of an encode for texf-enc.
+        """Yield the lines of text that texf-enc prints about this codec's choices in an encode.
 
         Parameters
         ----------

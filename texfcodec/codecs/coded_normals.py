@@ -123,7 +123,8 @@ def _ring(groups):
 
 
 def enc_residuals(residuals: np.ndarray, groups: CornerGroups) -> bytes:
-    """Codeword of the residuals of groups. residuals: int64 [G, 2] of magnitudes up to 8000."""
+    """Code the residuals of corner normals as the bytes of one codeword. residuals: int64 [G, 2] of magnitudes up to 8000, one
+    row a group; groups: the CornerGroups, whose neighbourhood selects contexts."""
     out = np.empty(10 * len(groups) + 16, np.uint8)
     coder = Coder(new_encoder(), out, 0)
     _enc_residuals(coder, new_contexts(NUM_CONTEXTS), _ring(groups), np.ascontiguousarray(residuals, np.int64))
@@ -131,7 +132,7 @@ def enc_residuals(residuals: np.ndarray, groups: CornerGroups) -> bytes:
 
 
 def dec_residuals(data: bytes, groups: CornerGroups) -> np.ndarray:
-    """Mirror of enc_residuals: int64 [G, 2]."""
+    """Decode the codeword of enc_residuals to residuals int64 [G, 2]. groups: the same CornerGroups."""
     out, buffer = np.empty((len(groups), 2), np.int64), np.frombuffer(bytes(data), np.uint8)
     coder = Coder(new_decoder(buffer, 0, len(buffer)), buffer, len(buffer))
     _dec_residuals(coder, new_contexts(NUM_CONTEXTS), _ring(groups), out)

@@ -26,23 +26,23 @@ class Constant(PlaneCodec):
     chosen = False
 
     def suits(self, plane: np.ndarray) -> bool:
-        """See PlaneCodec.suits."""
+        """Return whether all rows of a plane are equal once rounded. plane: float32 [N, C]."""
         return all(bool((np.rint(part) == np.rint(plane[:1])).all()) for part in (plane[:: max(1, len(plane) // PROBE)], plane))
 
     def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: object) -> tuple[dict, np.ndarray]:
-        """See PlaneCodec.enc; the plane has to suit."""
+        """Code a plane for which suits() is true: (the syntax value plane_value, decoded values uint8 [N, C])."""
         value = np.clip(np.rint(plane[0]), 0, 255).astype(np.uint8)
         return {"plane_value": value.tolist()}, np.tile(value, (len(plane), 1))
 
     def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
-        """See PlaneCodec.dec."""
+        """Return the unit's value for every cell of support.coarser(levels), uint8 [n, C]."""
         return np.tile(np.array(values["plane_value"], np.uint8), (len(support.coarser(levels)), 1))
 
     def describe(self, values: dict) -> dict:
-        """The value."""
+        """Return {"value": the components of the unit's value}, for inspect()."""
         return {"value": values["plane_value"]}
 
     def info_lines(self, group: dict) -> Iterator[str]:
-        """See Codec.info_lines."""
+        """Yield the line of texf-info: field, channel group, bytes and the value. group: an entry of inspect()'s groups."""
         yield (f"field {group['field_index']}, group {group['group_index']} ({group['semantic']}): {group['bytes']} bytes, "
                f"constant {group['value']}")

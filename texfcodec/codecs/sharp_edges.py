@@ -52,7 +52,8 @@ def _scratch(ends):
 
 
 def enc_marks(marks: np.ndarray, ends: np.ndarray, fold: np.ndarray) -> bytes:
-    """Codeword of the marks of edges. marks: bool [E]; ends: int64 [E, 2]; fold: int64 [E] below NUM_FOLDS (geometry.edges)."""
+    """Code a bit for each edge, whether it is sharp, as the bytes of one codeword. marks: bool [E]; ends: int64 [E, 2], welded
+    vertices; fold: int64 [E], class of the angle at each edge, below NUM_FOLDS (geometry.edges)."""
     out = np.empty(2 * len(ends) + 16, np.uint8)
     contexts, met = _scratch(ends)
     coder = Coder(new_encoder(), out, 0)
@@ -61,7 +62,7 @@ def enc_marks(marks: np.ndarray, ends: np.ndarray, fold: np.ndarray) -> bytes:
 
 
 def dec_marks(data: bytes, ends: np.ndarray, fold: np.ndarray) -> np.ndarray:
-    """Mirror of enc_marks: bool [E]."""
+    """Decode the codeword of enc_marks to marks bool [E]; ends and fold as there."""
     marks = np.empty(len(ends), np.uint8)
     contexts, met = _scratch(ends)
     buffer = np.frombuffer(bytes(data), np.uint8)

@@ -59,8 +59,8 @@ def is_ending() -> bool:
 
 
 def new_file(path: PathLike) -> BinaryIO:
-    """Opens a new temporary file for binary writing; it must not exist. path: the caller passes it to rename_all() or remove()
-    later."""
+    """Open a new temporary file for binary writing, which an interrupt removes. path: its name, which must not exist yet; the
+    caller passes it to rename_all() or remove() later."""
     with GATE:
         _paths.add(path)
         return open(path, "xb")
@@ -136,9 +136,11 @@ def drop(child: object) -> None:
 
 def run_child(command: list[str], data: bytes, timeout: float | None, environment: dict[str, str],
               ) -> subprocess.CompletedProcess:
-    """subprocess.run of a command that reads bytes on stdin: CompletedProcess with bytes stdout and stderr.
+    """Run a command with data on its stdin and return its CompletedProcess, with stdout and stderr as bytes. The child ends with
+    this process.
 
-    data: bytes; timeout: seconds or None. Raises subprocess.TimeoutExpired, OSError. The child ends with this process.
+    data: bytes; timeout: seconds or None; environment: all environment variables of the child. Raises subprocess.TimeoutExpired,
+    OSError.
     """
     import subprocess
 

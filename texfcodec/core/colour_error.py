@@ -85,7 +85,8 @@ def colour_mse(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None = No
 
 
 def psnr_3d(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None = None) -> dict[str, float]:
-    """PSNR in dB {"psnr_y", "psnr_u", "psnr_v", "psnr_yuv611", "psnr_rgb"} of got against ref at the same surface points."""
+    """Return PSNR in dB {"psnr_y", "psnr_u", "psnr_v", "psnr_yuv611", "psnr_rgb"} of the colours got against ref at the same
+    surface points; arguments as in ColourError.add."""
     return psnr_of_mse(colour_mse(ref, got, weights))
 
 
@@ -96,14 +97,15 @@ def psnr_of_mse(mse: dict[str, float]) -> dict[str, float]:
 
 
 def decibels(mse: float, peak: float = PEAK) -> float:
-    """10 log10(peak^2 / mse); inf for mse 0."""
+    """Return the PSNR in dB of a mean squared error, 10 log10(peak^2 / mse); inf for mse 0. peak: the largest value."""
     if not mse >= 0:
         raise ValueError(f"a mean squared error cannot be {mse}")
     return math.inf if mse == 0 else 10 * math.log10(peak * peak / mse)
 
 
 def in_decibels(value: float | None, digits: int = 2) -> str:
-    """Formats a PSNR from json_text.json_ready(): "34.20 dB", or EXACT for None."""
+    """Format a PSNR in dB as text, "34.20 dB"; None, which json_text.json_ready() makes of inf, gives EXACT. digits:
+    decimals."""
     return EXACT if value is None else f"{value:.{digits}f} dB"
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 
 def json_ready(value: Any) -> Any:
-    """A copy of value that JSON can hold, at any depth.
+    """Return a copy of value that json.dumps accepts, converted at any depth.
 
     Infinite numbers (PSNR of exact values) and NaN become None. Numbers and arrays of numpy become Python's, mappings become
     dicts with text keys, other sequences and sets become lists, and anything else becomes its str(). Any: the union of all these

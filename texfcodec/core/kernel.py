@@ -86,7 +86,7 @@ def cache_folder(path: Path) -> Path:
 
 # Any: Numba's compiled functions have no types, nor does partial() of this one.
 def kernel(function: Callable | None = None, allocates: bool = False, **options: Any) -> Any:
-    """Decorator: compiles a function without the interpreter's lock and caches it in cache_folder(). options: further options of
+    """Decorator: compiles a function without the interpreter's lock and caches it in cache_folder(). options: other keywords of
     numba.njit. Divisions are not checked for zero; the caller ensures that.
 
     allocates: the kernel creates or returns arrays. Numba then counts references, and each access to a named tuple of arrays is
@@ -105,8 +105,8 @@ def kernel(function: Callable | None = None, allocates: bool = False, **options:
 
 
 def instruction(name: str) -> Callable[[Callable], Callable]:
-    """Decorator of an integer function that kernels replace by one LLVM instruction of this name, on an int64. Python runs the
-    function itself."""
+    """Return a decorator of a function int64 -> int64. In kernels, the LLVM instruction of this name replaces it, such as ctpop;
+    outside, Python runs the function itself."""
 
     def decorate(function):
         from numba.extending import intrinsic, overload

@@ -39,6 +39,8 @@ class Derived:
 
 @dataclass(frozen=True)
 class Structure:
+    """A syntax structure: its name and clause in the specification, and its elements in stream order."""
+
     name: str
     clause: str
     elements: tuple[Element | Derived, ...]

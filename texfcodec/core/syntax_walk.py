@@ -28,7 +28,8 @@ class Reader:
         self.data, self.position, self.end, self.base = data, position, end, base
 
     def take(self, count: int, name: str, clause: str) -> bytes | memoryview:
-        """The next `count` bytes. Raises StreamError TXF-S02 if there are fewer."""
+        """Return the next `count` bytes and move past them. name, clause: of the element, for the StreamError TXF-S02 that it
+        raises if there are fewer."""
         if count > self.end - self.position:
             raise StreamError("TXF-S02", f"the data ends inside {name}", clause=clause, offset=self.base + self.position,
                               value=self.end - self.position, allowed=f">= {count} bytes")
@@ -37,6 +38,7 @@ class Reader:
         return self.data[begin : self.position]
 
     def read_v(self, name: str, clause: str) -> int:
+        """Return the next number coded as write_v() does. name, clause: of the element. Raises StreamError TXF-S02, TXF-S05."""
         value = 0
         for i in range(8):
             byte = self.take(1, name, clause)[0]
@@ -56,8 +58,8 @@ def _count_of(element, values):
 
 
 def check_range(element: Element, value: Any, offset: int | None, clause: str) -> None:
-    """Raises StreamError TXF-S04 if a value is outside its element's range, SupportError TXF-U09 if it is above the range of a
-    registry."""
+    """Raise StreamError TXF-S04 if a value is outside its element's range, SupportError TXF-U09 if it is above the range of a
+    registry. offset, clause: where the value stands in the file and in the specification, for the error."""
     low, high = element.low, element.high
     if element.registry and high is not None and value > high:
         raise SupportError("TXF-U09", f"this version does not know the value of {element.name}", clause=clause,
@@ -94,9 +96,10 @@ def _read_blob(element, reader, count, clause):
 
 
 def read_structure(structure: Structure, reader: Reader, values: dict, trace: list | None = None, prefix: str = "") -> dict:
-    """Reads one structure. values: dict of the variables known so far; it is extended in place and returned.
+    """Read one structure at the reader's position. values: dict of the variables known so far; it is extended in place and
+    returned.
 
-    trace: list that receives (name, offset, size, value) of every element.
+    trace: list that receives (name, file offset, size in bytes, value) of every element; prefix: put before these names.
     """
     for element in structure.elements:
         if isinstance(element, Derived):

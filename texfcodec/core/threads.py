@@ -11,8 +11,8 @@ Made = TypeVar("Made")
 
 
 def ahead(make: Callable[[], Made], threads: int) -> Callable[[], Made]:
-    """Returns a function that returns the result of make(). make() begins at once on a thread of its own; with a single thread it
-    runs at the first call."""
+    """Return a function that returns the result of make(). A thread of its own begins make() at once; if threads is 1, the first
+    call of the function runs it."""
     if threads < 2:
         return cache(make)
     pool = ThreadPoolExecutor(1)
@@ -22,7 +22,8 @@ def ahead(make: Callable[[], Made], threads: int) -> Callable[[], Made]:
 
 
 def over_blocks(call: Callable[[int], object], count: int, block: int, threads: int) -> None:
-    """Calls call(begin) for begin = 0, block, 2 block, ... below count on so many threads. A call writes only its own block."""
+    """Call call(begin) for begin = 0, block, 2 block, ... below count, on up to `threads` threads. A call writes only the
+    results of its own block, begin..begin + block - 1."""
     for _ in in_order(call, range(0, count, block), threads):
         pass
 

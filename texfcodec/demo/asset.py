@@ -192,7 +192,7 @@ def _photograph(name, wrap):
 
 
 def write_sample(path: str | PathLike) -> None:
-    """Write the sample as a self-contained GLB (glTF 2.0), completely or not at all."""
+    """Write the demo's textured vase (make_sample) to path as a self-contained GLB (glTF 2.0), completely or not at all."""
     part = f"{os.fspath(path)}.part"
     try:
         with open(part, "wb") as file:
@@ -204,8 +204,8 @@ def write_sample(path: str | PathLike) -> None:
 
 
 def write_or_explain(path: str | PathLike) -> None:
-    """write_sample() for a command line: without scikit-image it prints one line on stderr and exits with the code for missing
-    support."""
+    """Write the demo's vase as write_sample() does, for a command line: without scikit-image print one line on stderr and exit
+    with the code for missing support."""
     try:
         write_sample(path)
     except ImportError as error:

@@ -20,7 +20,7 @@ class Cache:
         self._results: dict[Hashable, object] = {}
 
     def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
-        """Return the result of a key; compute it if it is not there."""
+        """Return the result of a key; if it is not there, call make() and keep its result."""
         if key not in self._results:
             self._results[key] = make()
         return cast(Result, self._results[key])
@@ -30,7 +30,7 @@ class NoCache(Cache):
     """A cache that keeps nothing."""
 
     def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
-        """Compute and return the result."""
+        """Call make() and return its result, which is not kept."""
         return make()
 
 

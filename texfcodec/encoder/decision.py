@@ -26,8 +26,8 @@ class Decision(Generic[Value]):
 
 
 def record(decision: Decision[Value], report: Report, strict: bool = False) -> Decision[Value]:
-    """Append the messages of a decision to the report and return the decision. Raises InputError TXF-I52 if strict and it has
-    warnings."""
+    """Append the decision's warnings, dropped properties and remarks to the report, and return the decision. strict: whether a
+    decision with warnings raises InputError TXF-I52."""
     report.warnings += decision.warnings
     report.dropped += decision.dropped
     report.remarks += decision.remarks

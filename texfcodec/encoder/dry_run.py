@@ -23,7 +23,7 @@ ALWAYS, ROOT_OF_FACES, VOXEL = 1.66, 0.0263, 2.6e-6
 
 
 def estimate(scene: Scene, options: EncodeOptions) -> tuple[int, float]:
-    """Return (voxels, seconds) that an encode will need, guessed from the surface area and the number of faces alone."""
+    """Return (voxels, seconds) that an encode will need, guessed from the scene's surface area and its number of faces."""
     assert options.resolution is not None  # its __post_init__ fills it in
     corners = scene.positions[scene.faces]
     side = float((scene.positions.max(axis=0) - scene.positions.min(axis=0)).max()) or 1.0

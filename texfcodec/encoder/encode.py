@@ -49,7 +49,7 @@ class Encoder:
     caches: Caches = field(default_factory=Caches)
 
     def supported(self, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset()) -> Supported:
-        """Run the first two stages.
+        """Run the first two stages, prepare and supports, and return their result.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class Encoder:
 
     def filled(self, options: EncodeOptions, report: Report, finer: frozenset[int] = frozenset(),
                budget: int | None = None) -> Filled:
-        """Run all stages.
+        """Run all six stages and return the last result, in which no value is coded yet.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class Encoder:
 
 
 def encode_scene(scene: Scene, options: EncodeOptions | None = None, report: Report | None = None) -> Encoded:
-    """Code a scene, without a search and without the check.
+    """Encode a scene once, with the given options: without a search for a target and without the check of the stream.
 
     Parameters
     ----------

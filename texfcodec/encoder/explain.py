@@ -34,8 +34,8 @@ BETTER, BUYS, SAVES, DOMINATED, EQUAL = "better", "buys", "saves", "dominated", 
 
 @dataclass(frozen=True)
 class Neighbour:
-    """A setting one step away. change: its EncodeOptions beside the requested ones; factor: its seconds over those of the base, a
-    guess that only decides whether there is time for it."""
+    """A setting one step away from the requested ones. change: the EncodeOptions that differ; factor: its seconds over those of
+    the base, a guess that only decides whether there is time for it."""
 
     change: dict
     factor: float = 1.0
@@ -48,20 +48,23 @@ class Neighbour:
 
 
 def changed(options: EncodeOptions, **changes: object) -> EncodeOptions:
-    """Return options with changes, and without a target; options that were left to the encoder are left to it still."""
+    """Return a copy of the options with changed fields and without a target. Fields that were left to the encoder are so
+    again."""
     return options.without_target().changed(**{"measure": False, "checkpoint": None, **changes})
 
 
 def as_made(options: EncodeOptions, encoded: Encoded) -> EncodeOptions:
-    """Return options, with the whole QP that a search came to if they hold a target."""
+    """Return options that repeat an encode without a search: if they hold a target, with the whole QP that the search ended
+    at."""
     if options.target_bytes is None and options.target_psnr is None:
         return changed(options)
     return changed(options, qp=encoded.qp)
 
 
 def neighbours_of(options: EncodeOptions, encoded: Encoded) -> Iterator[Neighbour]:
-    """Return the neighbours of options that matter for this stream, the most informative first. Position bits are not among them:
-    3D-PSNR samples both sides at the same places of the surface, and does not see a moved surface."""
+    """Yield the Neighbours of the options (settings one step away) that matter for an encoded stream, the most informative
+    first. Not among them are position bits: 3D-PSNR samples both sides at the same places of the surface, and sees no moved
+    surface."""
     codec, place = codec_of(options.codec), EFFORTS.index(options.effort)
     if not codec.joint:
         steps = ((place + 1, 1.5), (place - 1, 0.6))
@@ -89,13 +92,15 @@ class _Bench:
         self.samples = SourceSamples(scene, SAMPLES, options.threads)
 
     def run(self, options):
-        """Return (row, Filled) of one encode: {"seconds", "processor_seconds", "bytes", "psnr_y"}."""
+        """Encode the scene with some options, decode the stream and measure it. Return (row {"seconds", "processor_seconds",
+        "bytes", "psnr_y"}, Filled)."""
         begin, worked = time.perf_counter(), time.process_time()
         planned = Encoder(scene=self.scene).filled(options, Report())
         return self.code(planned, begin, worked), planned
 
     def code(self, planned, begin=None, worked=None):
-        """Return the same for a Filled; seconds count from begin, wall and processor."""
+        """Code a Filled, decode the stream and return its row as run() does. begin, worked: times of perf_counter and
+        process_time from which seconds count; None: now."""
         begin = time.perf_counter() if begin is None else begin
         worked = time.process_time() if worked is None else worked
         encoded = write(planned, Report())
@@ -108,13 +113,14 @@ def explain_time(scene: Scene, options: EncodeOptions, encoded: Encoded, stages:
                  budget: float | None = None) -> dict:
     """Measure the seconds of an encode by stage and the effects of other settings, JSON-ready.
 
-    scene: Scene; options: as it was encoded; encoded: its result; stages: seconds by stage (Report.seconds); budget: seconds for
-    neighbours, one of which is always tried; None: ENCODES times the encode. The base, options once more with warm kernels, and
-    its rate curve come before them. Returns {"stages", "budget", "spent", "samples", "base", "neighbours", "not_tried"}: base and
-    neighbours are rows {"change", "seconds", "processor_seconds", "bytes", "psnr_y", "percent", "per_second", "verdict"}. percent
-    is bytes above those of the base at equal 3D-PSNR of Y; per_second is the percent that one second more saves, or one second
-    less costs. A neighbour that cannot be coded has "reason" instead. Each setting runs once, so both figures go by processor
-    seconds, which a busy machine changes little; settings that differ by NOISE or less count as equal.
+    scene: Scene; options: as it was encoded; encoded: the result of that encode; stages: seconds by stage (Report.seconds);
+    budget: seconds for neighbours, one of which is always tried; None: ENCODES times the encode. The base, options once more
+    with warm kernels, and its rate curve come before them. Returns {"stages", "budget", "spent", "samples", "base",
+    "neighbours", "not_tried"}: base and neighbours are rows {"change", "seconds", "processor_seconds", "bytes", "psnr_y",
+    "percent", "per_second", "verdict"}. percent is bytes above those of the base at equal 3D-PSNR of Y; per_second is the
+    percent that one second more saves, or one second less costs. A neighbour that cannot be coded has "reason" instead. Each
+    setting runs once, so both figures go by processor seconds, which a busy machine changes little; settings that differ by
+    NOISE or less count as equal.
     """
     begin, requested = time.perf_counter(), as_made(options, encoded)
     bench = _Bench(scene, options)
@@ -150,8 +156,9 @@ def _tried(bench, requested, neighbour, base, curve):
 
 
 def percent_of(curve: list[dict], row: dict) -> float | None:
-    """Return the percent of bytes that a row takes above a curve at its own quality, both {"bytes", "psnr_y"}. Bytes alone count
-    if the first point of the curve and the row are both lossless. None if the curve does not reach that quality."""
+    """Return the percent by which the bytes of an encode exceed those of a rate curve at the same PSNR. row: {"bytes", "psnr_y"}
+    of the encode; curve: such rows of the base at several QPs. If the row and the curve's first point are both lossless (psnr_y
+    None), bytes alone count. None if the curve does not reach that PSNR."""
     if row["psnr_y"] is None:
         lossless = curve[0]["psnr_y"] is None
         return 100.0 * (row["bytes"] / curve[0]["bytes"] - 1) if lossless else None
@@ -163,8 +170,9 @@ def percent_of(curve: list[dict], row: dict) -> float | None:
 
 
 def verdict(base_seconds: float, seconds: float, percent: float, noise: float = NOISE) -> str:
-    """BETTER: not slower and fewer bytes, or faster and not more; BUYS bytes with seconds; SAVES seconds at a cost in bytes;
-    DOMINATED by the base; or EQUAL. percent: of bytes, at equal quality; noise: share of seconds that count as equal."""
+    """Return the verdict on a changed setting against the base. BETTER: not slower and fewer bytes, or faster and not more; BUYS
+    bytes with seconds; SAVES seconds at a cost in bytes; DOMINATED by the base; or EQUAL. percent: of bytes, at equal quality;
+    noise: share of seconds that count as equal."""
     slower, faster = seconds > base_seconds * (1 + noise), seconds * (1 + noise) < base_seconds
     smaller, larger = percent < -GAIN, percent > GAIN
     if slower:
@@ -175,6 +183,7 @@ def verdict(base_seconds: float, seconds: float, percent: float, noise: float = 
 
 
 def per_second(base_seconds: float, seconds: float, percent: float, noise: float = NOISE) -> float | None:
-    """Return the percent of bytes that one more second saves or one less costs; None if verdict() sees no trade."""
+    """Return the percent of bytes that a further second saves or a saved second costs; None if verdict() sees no trade between
+    bytes and seconds. Arguments as of verdict()."""
     trade = verdict(base_seconds, seconds, percent, noise) in (BUYS, SAVES)
     return round(percent / (base_seconds - seconds), 2) if trade else None

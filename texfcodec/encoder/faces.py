@@ -17,5 +17,5 @@ Faces = TypeVar("Faces", bound=np.ndarray)  # LatticeFaces or SentFaces
 
 
 def source_faces(surface: SourceSurface, faces: LatticeFaces | None = None) -> SourceFaces:
-    """Return the numbers in the source Scene of some faces of a surface, of all by default."""
+    """Return the numbers in the source Scene of some faces of its surface. faces: numbers in the surface; None: all faces."""
     return SourceFaces(surface.origin_face if faces is None else surface.origin_face[faces])

@@ -26,11 +26,11 @@ SHARP = 60  # degrees between faces, from which on an edge is kept as a line, an
 
 
 def with_fewer_faces(texf: Texf, count: int | None = None) -> Texf:
-    """Return a Texf with at most `count` faces, or as few as its borders, seams and sharp edges leave. If count is None, it has
-    as few as look alike from afar. A Texf with no more faces is returned unchanged.
+    """Return a Texf with at most `count` faces, or as few as its borders, seams and sharp edges leave. If count is None, the
+    mesh gets as few faces as look the same from afar. A Texf with no more faces is returned unchanged.
 
-    Its fields are the same. Units over texels get UVs that keep images where they were. Coded normals and marks of sharp edges
-    belong to the faces of before: materials that are not flat get normals by the angle between faces.
+    The fields stay the same. Units over texels get UVs that keep images where they were. Coded normals and marks of sharp edges
+    belong to the old faces: materials that are not flat get normals by the angle between faces.
     """
     if len(texf.faces) <= (count or 0):
         return texf

@@ -26,12 +26,14 @@ FINEST, COARSEST = -12, 3  # offsets to the QP; what is coarser by more would fa
 
 
 def coding_mse(qp: int) -> float:
-    """Return the rough luma error of coding at a QP, for weighing gains: 6.4 at QP 28 (40 dB), growing with step**1.5."""
+    """Return the rough squared error of luma, in squared levels of 255, that coding at a QP leaves. It weighs gains: 6.4 at QP
+    28 (40 dB), growing with step**1.5."""
     return 6.4 * 2.0 ** ((qp - 28) / 4)
 
 
 def bounded_mse(max_error: int) -> float:
-    """Return the squared error of values that are evenly spread over a bound, rounding included."""
+    """Return the mean squared error, in squared levels, of values with errors spread evenly over -max_error..max_error, rounding
+    included."""
     return (2 * max_error + 1) ** 2 / 12
 
 
@@ -42,7 +44,8 @@ class Lagrangian:
     coder: None for a codec that codes all fields together; qp: whose error is assumed; max_error: bound on errors, None without
     one; resolution: K of the rate; is_free: whether QPs of supports may differ from it; is_fitted: whether a surface fit may
     follow the transfer; has_promise: whether parts have to be as close as the QP promises; values: number of values if the whole
-    surface were as dense as coded content usually is (supports.reference_density), for lambda.
+    surface were as dense as coded content usually is (supports.reference_density), for lambda; effort, area_threshold, threads,
+    limits: as of EncodeOptions.
     """
 
     coder: Coder | None
@@ -89,16 +92,19 @@ class Lagrangian:
         return size + share * error / self.byte if error else size
 
     def on_part(self, share: float) -> Lagrangian:
-        """Return the prices for a share of the surface alone, which weighs its error."""
+        """Return the prices for choices on a part of the surface alone, with errors as means over it. share: the part's of the
+        area."""
         return replace(self, values=self.values * share)
 
     def qp_offset(self, values: float, share: float) -> int:
-        """Return the QP offset of a support with so many values on a share of the surface. Each of few values shows on more of
-        the picture, so its bits are worth finer steps."""
+        """Return the offset to the requested QP for a support, in FINEST..COARSEST; 0 if QPs may not differ. values: number of
+        its values; share: part of the surface that it covers. Each of few values shows on more of the picture, so its bits are
+        worth finer steps."""
         if not self.is_free or not values:
             return 0
         return min(max(round(3 * math.log2(values / share / self.values)), FINEST), COARSEST)
 
     def gain(self, before: float, after: float) -> float:
-        """Return the dB between two squared errors of values before coding, at the quality of coding."""
+        """Return the dB that values gain, once they are coded, if their squared error before coding falls from `before` to
+        `after`. The error of coding is added to both."""
         return decibels(after + self.floor) - decibels(before + self.floor)

@@ -32,7 +32,8 @@ class Requests:
 
     @classmethod
     def of(cls, options: EncodeOptions, finer: frozenset[int] = frozenset()) -> Requests:
-        """Return the requests of an encode. finer: materials whose parts were too coarse in an earlier encode."""
+        """Return the requests of all stages for an encode with these options. finer: materials whose parts were too coarse in an
+        earlier encode."""
         codec = codec_of(options.codec)
         settings = codec.settings(options)
         assert options.resolution is not None  # its __post_init__ fills it in

@@ -65,8 +65,8 @@ VIEWS, SIZE = 8, 512
 
 @dataclass(kw_only=True)
 class Trial:
-    """One encode. qp: of the values, not always whole; psnr: of Y in dB, None if no pixel or point is visible; report: its own
-    warnings and dropped properties."""
+    """One encode. qp: of the values, not always whole; psnr: of Y in dB, None if no pixel or point is visible; psnr_of: as
+    target_psnr_of of EncodeOptions; report: its own warnings and dropped properties; seconds: of coding and measuring."""
 
     encoded: Encoded
     qp: float
@@ -127,8 +127,8 @@ def encode_to_target(scene: Scene, options: EncodeOptions, report: Report) -> En
 
 
 def least_bytes(scene: Scene, options: EncodeOptions) -> tuple[int, int]:
-    """Return (bytes of the header, bytes of the geometry) of a scene with one field over voxels and the fewest position bits that
-    the encoder takes. This is known before any colour is read."""
+    """Return (bytes of the header, bytes of the geometry) of the smallest coding of a scene's own mesh: a single field over
+    voxels, at the options' position bits. This is known before any colour is read."""
     surface = SentSurface(make_surface(scene, Requests.of(options).prepare))
     geometry, _ = code_geometry(surface, np.zeros(len(surface.faces), np.int64), {})
     header = Stream(header_values([], surface, geometry, 1, groups_of(set(), False)))
@@ -144,7 +144,7 @@ class _Target:
     psnr: float
 
     def place(self, qp: float) -> float:
-        """Return the place of a QP, or the QP of a place."""
+        """Return a QP's place on the axis of the search (the QP for a budget, LAST_QP - qp for a PSNR), or the QP of a place."""
         return qp if self.budget else LAST_QP - qp
 
     @property
@@ -153,16 +153,18 @@ class _Target:
         return BITS_PER_QP if self.budget else DECIBELS_PER_QP
 
     def is_met(self, trial: Trial) -> bool:
-        """Return whether a trial keeps the target."""
+        """Return whether a trial keeps the target: no more bytes than the budget, or at least the PSNR."""
         return trial.bytes <= self.budget if self.budget else _psnr(trial) >= self.psnr
 
     def is_near(self, trial: Trial) -> bool:
-        """Return whether a trial keeps the target so closely that the search may end."""
+        """Return whether a trial keeps the target and is so near to it (UNUSED of a budget, OVER a PSNR) that the search may
+        end."""
         near = trial.bytes >= (1 - UNUSED) * self.budget if self.budget else _psnr(trial) <= self.psnr + OVER
         return near and self.is_met(trial)
 
     def excess(self, trial: Trial) -> float:
-        """Return the distance of a trial from the aim: log2 of bytes over it, or dB under it, bounded by MOST_STEP places."""
+        """Return by how much a trial misses the aim, negative on the safe side: log2 of its attribute bytes over those aimed at,
+        or dB under the PSNR aimed at. The result is bounded by MOST_STEP places."""
         if self.budget:
             fixed, room = trial.bytes - trial.encoded.sizes["attributes"], USED * self.budget
             excess = math.log2(max(trial.encoded.sizes["attributes"], 1) / (room - fixed)) if fixed < room else math.inf
@@ -171,7 +173,8 @@ class _Target:
         return min(max(excess, -MOST_STEP * self.slope), MOST_STEP * self.slope)
 
     def is_better(self, trial: Trial, other: Trial | None) -> bool:
-        """Return whether a trial that meets the target is better than another one that does."""
+        """Return whether a trial is better than another, both of which meet the target: it has more bytes of the budget, or
+        fewer bytes at the PSNR. other: None if there is no other."""
         if other is None:
             return True
         return trial.bytes > other.bytes if self.budget else trial.bytes < other.bytes
@@ -371,7 +374,7 @@ class _Search:
             return None
 
     def unreachable(self, rows):
-        """Return the error that names the best trial."""
+        """Return the error TXF-I51 that no QP meets the target; it names the best trial. rows: of Trial.row()."""
         if self.target.budget:
             geometry = min([*self._geometry, *(t.encoded.sizes["geometry"] for t in self.trials)])
             least = min(rows, key=lambda r: r["bytes"], default=None)
@@ -403,7 +406,8 @@ def _decoded(encoded, threads):
 
 
 def slope_of(tried: list[tuple[float, float]], slope: float) -> float:
-    """Return the fall of excess with a place between the latest two of (place, excess), but not far from a likely slope."""
+    """Return the slope that predicts the next step of the search: the fall in excess per place between the latest two trials,
+    but not far from a likely slope. tried: (place, excess) in order, of _Target.place() and excess(); slope: the likely one."""
     if len(tried) < 2 or abs(tried[-1][0] - tried[-2][0]) < 0.5:
         return slope
     own = (tried[-2][1] - tried[-1][1]) / (tried[-1][0] - tried[-2][0])
@@ -411,10 +415,10 @@ def slope_of(tried: list[tuple[float, float]], slope: float) -> float:
 
 
 def next_place(tried: list[tuple[float, float]], slope: float, whole: bool = False) -> float | None:
-    """Return the place at which excess may be 0, in 0..LAST_QP; None if nothing is left to try.
+    """Return the place to try next, in 0..LAST_QP: where the excess over the target may be 0; None if nothing is left to try.
 
-    tried: (place, excess) in order; excess falls with place, at first by about `slope`; whole: whether places are whole numbers;
-    the result is then the first whose excess is not above 0.
+    tried: (place, excess) of the trials in order; a place is a QP, or LAST_QP less the QP; excess falls with place, at first by
+    about `slope`; whole: whether places are whole numbers; the result is then the first whose excess is not above 0.
     """
     low = max((point for point in tried if point[1] > 0), default=None)
     high = min((point for point in tried if point[1] <= 0), default=None)

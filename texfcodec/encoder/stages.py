@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class Prepared:
     """The scene as it has to be coded. scene: with the materials that are needed, and measured weights; materials: as the stream
-    holds them; surface: on the reference lattice; colours: float32 [materials, 4], of material_colours()."""
+    holds them; surface: on the reference lattice; colours: float32 [materials, 4], the single colour that each material shows,
+    NaN if it varies (material_colours())."""
 
     scene: Scene
     materials: list[Material]
@@ -50,9 +51,9 @@ class Supported:
 
 @dataclass(frozen=True, kw_only=True)
 class Meshed:
-    """The chosen supports, with their mesh. plans: of supports, on the sent mesh; price: at their K; usual: the source at its
-    bits; shown: the scene without detail that no voxel shows; partition: face fields on usual; mesh: the sent one; evidence: of
-    supports, partition and mesh."""
+    """The chosen supports, with their mesh. plans: of supports, on the sent mesh; price: at their K; usual: the source on the
+    lattice of the chosen position bits; shown: the scene without detail that no voxel shows; partition: face fields on usual;
+    mesh: the sent one; evidence: of supports, partition and mesh."""
 
     prepared: Prepared
     supports: Supports
@@ -124,10 +125,10 @@ class Filled:
         return self.request.qp if self.price.coder is None else self.price.coder.qp
 
     def with_qp(self, qp: int) -> Filled:
-        """Return the same at another QP: supports and values stay."""
+        """Return a Filled that codes the same values at another QP. Supports, mesh and uncoded values stay."""
         return replace(self, price=replace(self.price, coder=self.price.planes.at(qp=qp)))
 
     def between(self, qp: float) -> Filled:
-        """Return the same at a QP between whole ones if its codec has such, else at the next finer one; the price of a byte is
-        that of the QP."""
+        """Return a Filled that codes the same values at a QP that need not be whole. A codec with whole QPs only takes the next
+        finer one. The price of a byte is that of the rounded QP."""
         return replace(self, price=replace(self.price, qp=round(qp), coder=self.price.planes.between(qp)))

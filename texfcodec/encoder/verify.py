@@ -166,8 +166,8 @@ def _is_better(again, first):
 
 
 def check(scene: Scene, encoded: Encoded, options: EncodeOptions, report: Report, seconds: float) -> dict:
-    """Fill encoded.check with the result of check_encoded(), return it, and drop everything that only the check needs. seconds:
-    duration of the encode."""
+    """Return the result of check_encoded() and store it in encoded.check. The decoded values in encoded.values, which only the
+    check needs, are dropped. seconds: duration of the encode."""
     with report.stage("check") as step:
         checked = encoded.check = check_encoded(scene, encoded, options, seconds, step)
     encoded.values = []
@@ -175,7 +175,7 @@ def check(scene: Scene, encoded: Encoded, options: EncodeOptions, report: Report
 
 
 def check_encoded(scene: Scene, encoded: Encoded, options: EncodeOptions, seconds: float, step: Step = no_step) -> dict:
-    """Compare a stream with the Scene that it was made from.
+    """Decode a stream and compare it with the Scene that it was encoded from, part by part and in small pictures.
 
     Parameters
     ----------
@@ -217,13 +217,15 @@ def check_encoded(scene: Scene, encoded: Encoded, options: EncodeOptions, second
 
 
 def promised_psnr(options: EncodeOptions) -> float | None:
-    """Return the PSNR of Y, in dB, that a rate promises if the encoder may choose K and supports; otherwise None."""
+    """Return the PSNR of Y, in dB, that the options' rate promises; None with a target, or if the encoder may not choose K and
+    supports."""
     free = options.rate_is_free and options.target_bytes is None and options.target_psnr is None
     return round(decibels(coding_mse(options.reckoned_qp)), 2) if free and options.qp is not None else None
 
 
 def misses(check: dict) -> list[Miss]:
-    """Return the parts of a check that fall short of its promise by more than SHORTFALL or COLOUR_SHORTFALL, the worst first."""
+    """Return the parts of the scene whose PSNR falls short of the promised one by more than SHORTFALL or COLOUR_SHORTFALL, the
+    worst first. check: result of check_encoded()."""
     if check["promised"] is None:
         return []
     missed = []
@@ -237,7 +239,7 @@ def misses(check: dict) -> list[Miss]:
 
 
 def warnings_of(check: dict, options: EncodeOptions) -> list[str]:
-    """Return sentences on everything in a check that is worse than the rate promises."""
+    """Return sentences on everything that is worse than the rate promises. check: of check_encoded(); options: of the encode."""
     missed, rate = misses(check), f"{options.rate} promises {check['promised']:.0f} dB" if check["promised"] else ""
     said = []
     if not check["visible"]:

@@ -29,12 +29,13 @@ MANY_FACES, LARGE_SHARE = 1000, 0.1  # faces of a part, and share of them, that 
 class Encoded:
     """A stream and its report.
 
-    sizes: bytes as {"total", "geometry", "attributes", "other"}; counts: {"fields", "voxels", "texels", "faces", "vertices"};
-    face_field: int64 [F], field of every face of the scene, -1 if it was left out; choices: every choice of the encoder by its
-    name, with its measurements, JSON-ready; reconstruction_sha256: hash over keys and decoded values, field by field and channel
-    by channel; psnr_3d: as metrics.psnr_3d, if it was measured; check: as verify.check_encoded, if the stream was checked;
-    values: by field, decoded planes by channel name, until then; warnings, dropped: changes of the picture, and properties that
-    are not coded, in sentences; remarks: notes that change no picture.
+    data: the stream; sizes: bytes as {"total", "geometry", "attributes", "other"}; counts: {"fields", "voxels", "texels",
+    "faces", "vertices"}; face_field: int64 [F], field of every face of the scene, -1 if it was left out; choices: every choice
+    of the encoder by its name, with its measurements, JSON-ready; resolution: K, None without voxels; qp: of the values, None if
+    they have no QP; texels_per_voxel_edge: the most of any field; reconstruction_sha256: hash over keys and decoded values,
+    field by field and channel by channel; psnr_3d: as metrics.psnr_3d, if it was measured; check: as verify.check_encoded, if
+    the stream was checked; values: by field, decoded planes by channel name, until then; warnings, dropped: changes of the
+    picture, and properties that are not coded, in sentences; remarks: notes that change no picture.
     """
 
     data: bytes
@@ -61,7 +62,8 @@ class Encoded:
 
 
 def write(filled: Filled, report: Report, units: Cache | None = None) -> Encoded:
-    """Code the values of a Filled at its quality and write the stream. units: cache of coded units."""
+    """Code the values of a Filled, the result of all stages, at its quality and return the stream as an Encoded. units: cache of
+    coded attribute units."""
     stream, fields = _without_values(filled, report), filled.fields
     coded = coding_of(filled.price).units(filled, stream, units or NoCache(), report)
     with report.stage("write"):

@@ -4,5 +4,5 @@ MAX_SIDE = 1 << 14  # of an image, in texels
 
 
 def octree_depth(resolution: int) -> int:
-    """Depth D of the octree over a grid of resolution K: ceil(log2 K) (spec clause 7.1)."""
+    """Return the depth D of the octree over a grid of K = resolution cells a side: ceil(log2 K) (spec clause 7.1)."""
     return int(resolution - 1).bit_length()

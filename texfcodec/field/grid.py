@@ -17,8 +17,9 @@ WORDS = 16
 
 @dataclass
 class BrickMap:
-    """slots: int64 [2**s], open-addressing table of brick numbers or -1; bricks: int64 [B], Morton key >> 9 of each brick;
-    words: uint32 [B, 16] occupancy; ranks: int64 [B, 16] rank of the first voxel of each word."""
+    """Index from voxels to their ranks in Morton order, in bricks of 8x8x8 voxels. slots: int64 [2**s], open-addressing table of
+    brick numbers or -1; bricks: int64 [B], Morton key >> 9 of each brick; words: uint32 [B, 16] occupancy; ranks: int64 [B, 16]
+    rank of the first voxel of each word."""
 
     slots: np.ndarray
     bricks: np.ndarray
@@ -69,7 +70,7 @@ def _rank(key, slots, bricks, words, ranks):
 
 
 def build_brick_map(keys: np.ndarray) -> BrickMap:
-    """BrickMap over ascending unique Morton keys, int64 [N]."""
+    """Return the BrickMap of a set of voxels. keys: int64 [N], their ascending unique Morton keys."""
     count = 1 + int(np.count_nonzero(np.diff(keys >> 9))) if len(keys) else 0
     slots = np.full(1 << max(4, (2 * count).bit_length()), -1, np.int64)
     bricks = np.full(max(count, 1), -1, np.int64)

@@ -41,7 +41,7 @@ class Keyed:
         return len(self.keys)
 
     def coarser(self, levels: int) -> Self:
-        """The support with `levels` fewer levels, at least the root."""
+        """Return the support of the parent cells `levels` octree levels up, at most the root."""
         shift = min(levels, self.depth)
         if not shift:
             return self
@@ -50,7 +50,8 @@ class Keyed:
         return replace(self, keys=keys, level_shift=self.level_shift + shift)  # type: ignore[type-var]  # a dataclass derives
 
     def mean(self, values: np.ndarray, levels: int) -> np.ndarray:
-        """Rounded means over the cells of coarser(levels), uint8 [n, C] (spec clause 8.3). values: uint8 [N, C]."""
+        """Return the mean of the values inside each cell of coarser(levels), rounded, uint8 [n, C] (spec clause 8.3). values:
+        uint8 [N, C] on these keys."""
         parents = self.keys >> 3 * min(levels, self.depth)
         first = np.flatnonzero(np.diff(parents, prepend=-1))
         counts = np.diff(np.append(first, len(parents)))[:, None]

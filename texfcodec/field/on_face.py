@@ -18,11 +18,9 @@ def _along(px, py, pz, ax, ay, az, bx, by, bz):
 
 @kernel
 def corner_weights(px, py, pz, corner, out):
-    """Writes the weights of the three corners, float64 [3, 3], at the face's point nearest to p to out float64 [3].
-
-    Decoding passes integers below 2**20 as corners. The cross product n of two edges is then exact, and rounding does not
-    hide the area of a sliver.
-    """
+    """Write to out, float64 [3], the barycentric weights of the point of a triangle nearest to p. corner: float64 [3, 3], one
+    corner a row. In decoding, corners are integers below 2**20: the cross product n of two edges is then exact, and rounding
+    does not hide the area of a sliver."""
     ux, uy, uz = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
     vx, vy, vz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]
     dx, dy, dz = px - corner[0, 0], py - corner[0, 1], pz - corner[0, 2]
@@ -62,10 +60,10 @@ def _texel_positions(points, positions, faces, uv, face_index, out):
 
 def texel_positions(points: np.ndarray, positions: np.ndarray, faces: np.ndarray, uv: np.ndarray,
                     face_index: np.ndarray) -> np.ndarray:
-    """UVs, float64 [M, 2], at the positions on faces nearest to points.
+    """Return the UVs, float64 [M, 2], at the point of a given face nearest to each of the points.
 
-    points: float64 [M, 3]; positions: float64 [V, 3], integers below 2**20; faces: int64 [F, 3] into them; uv: float64 [V,
-    2]; face_index: int64 [M] into faces, checked by the caller.
+    points: float64 [M, 3]; positions: float64 [V, 3], integers below 2**20; faces: int64 [F, 3] into them; uv: float64 [V, 2];
+    face_index: int64 [M], the face of each point, checked by the caller.
     """
     out = np.empty((len(points), 2))
     _texel_positions(np.ascontiguousarray(points), positions, faces, uv, np.ascontiguousarray(face_index), out)

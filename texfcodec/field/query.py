@@ -63,10 +63,11 @@ def _query(points, size, slots, bricks, words, ranks, values, out, missed):
 
 def query_field(points: np.ndarray, resolution: int, keys: np.ndarray, brick_map: BrickMap, values: np.ndarray,
                 threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Values of one field at grid points: (float32 [M, C], uint8 [M]). The second is 0 for trilinear, 1 for the nearest active
-    voxel within reach, 2 for the nearest of all voxels.
+    """Return the values of one field at points, and how each was obtained: (float32 [M, C], uint8 [M]). The latter is 0 for
+    trilinear interpolation, 1 for the nearest active voxel within reach, 2 for the nearest of all voxels.
 
-    points: float64 [M, 3] grid coordinates (voxel v covers [v, v + 1)); keys: int64 [N], N >= 1; values: uint8 or float32 [N, C].
+    points: float64 [M, 3] grid coordinates (voxel v covers [v, v + 1)); resolution: cells a side; keys: int64 [N], N >= 1,
+    ascending Morton keys of the voxels; brick_map: BrickMap of keys; values: uint8 or float32 [N, C], of the voxels.
     """
     points = np.clip(np.asarray(points, np.float64), -1e6, 1e6)
     out, missed = np.empty((len(points), values.shape[1]), np.float32), np.empty(len(points), np.uint8)
@@ -83,9 +84,10 @@ def query_field(points: np.ndarray, resolution: int, keys: np.ndarray, brick_map
 
 
 def nearest_of_all(points: np.ndarray, resolution: int, keys: np.ndarray) -> np.ndarray:
-    """Rank of the voxel whose centre is nearest to each point, the lowest of several: int64 [M].
+    """Return the rank, int64 [M], of the voxel whose centre is nearest to each point; of several the lowest.
 
-    points: float64 [M, 3] grid coordinates; keys: int64 [N], N >= 1, ascending, below resolution in each axis.
+    points: float64 [M, 3] grid coordinates; keys: int64 [N], N >= 1, ascending Morton keys of voxels below resolution on each
+    axis.
     """
     inside = np.clip(np.floor(points), 0, resolution - 1).astype(np.int64)
     guess = np.minimum(np.searchsorted(keys, encode_morton(inside)), len(keys) - 1)

@@ -38,9 +38,9 @@ def _next_samples(corners, faces, per_edge, walk, points, face, bary, share):
 
 def surface_samples(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
                     per_edge: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Yields (points float64 [M, 3] grid coordinates, face int64 [M], bary float64 [M, 3], share float64 [M] area in voxel faces)
-    for batches that together cover the surface. lattice: int64 [V, 3]; faces: int64 [F, 3] in 0..V-1; per_edge: samples per voxel
-    edge."""
+    """Yield the samples of a surface in batches: (points float64 [M, 3] in grid coordinates, face int64 [M], bary float64 [M,
+    3], share float64 [M]: the area that a sample stands for, in voxel faces). lattice: int64 [V, 3] below 2**position_bits;
+    faces: int64 [F, 3] in 0..V-1; resolution: voxels a side; per_edge: samples per voxel edge."""
     corners, faces = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution)), np.ascontiguousarray(faces)
     walk = surface_walk()
     room = max(BATCH, (per_edge * resolution + 1) * 2)

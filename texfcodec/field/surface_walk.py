@@ -18,9 +18,10 @@ EVERYWHERE = 1 << 40  # beyond all voxels
 
 
 class SurfaceWalk(NamedTuple):
-    """State of a walk, all int64. corners [3, 3]: of the face, in fixed grid coordinates; order [3]: corner numbers of base
-    start, base end and apex; start, half_step [3]: sample i of the row lies at start + (2 i + 1) * half_step, 32 fractional bits;
-    state [9]: the face, the row, the face's rows and columns, its area per squared row count, the row's samples, the slab."""
+    """State of a walk over the samples of a surface, face by face and row by row, all int64. corners [3, 3]: of the face, in
+    fixed grid coordinates; order [3]: corner numbers of base start, base end and apex; start, half_step [3]: sample i of the row
+    lies at start + (2 i + 1) * half_step, 32 fractional bits; state [9]: the face, the row, the face's rows and columns, its
+    area per squared row count, the row's samples, the slab."""
 
     corners: np.ndarray
     order: np.ndarray
@@ -30,16 +31,18 @@ class SurfaceWalk(NamedTuple):
 
 
 def surface_walk(axis: int = 0, low: int = -EVERYWHERE, high: int = EVERYWHERE) -> SurfaceWalk:
-    """A walk that starts at the first face. It skips faces without samples in low <= voxel index[axis] < high."""
+    """Return a SurfaceWalk that starts at the first face. It skips faces that have no samples in the slab low <= voxel
+    index[axis] < high."""
     state = np.array([-1, 0, 0, 0, 0, 0, axis, low, high], np.int64)
     order, start, half_step = np.zeros((3, 3), np.int64)
     return SurfaceWalk(np.zeros((3, 3), np.int64), order, start, half_step, state)
 
 
 def grid_coordinates(lattice: np.ndarray, position_bits: int, resolution: int) -> np.ndarray:
-    """Fixed grid coordinates of lattice positions (spec 6.1): floor(p * K * 2**16 / 2**B).
+    """Return fixed-point grid coordinates (16 fractional bits) of lattice positions: floor(p * K * 2**16 / 2**B) (spec 6.1).
 
-    lattice: int64 [..., 3] in 0..2**B-1. Returns int64 of the same shape, below K * 2**16 <= 2**29 (product < 2**49).
+    lattice: int64 [..., 3] in 0..2**B-1, B being position_bits; resolution: K. Returns int64 of the same shape, below K * 2**16
+    <= 2**29 (product < 2**49).
     """
     return (np.asarray(lattice, dtype=np.int64) * (resolution << GRID_FRACTION)) >> position_bits
 

@@ -148,17 +148,18 @@ def _keys_of(table, squares, keys):
 
 
 def count_rows(uv: np.ndarray, faces: np.ndarray, fraction_bits: int) -> int:
-    """Number of rows that referenced_texels() visits, computed in advance. Arguments as there."""
+    """Return the number of rows of texels, over all faces, that referenced_texels() would visit, as a measure of its time.
+    Arguments as there."""
     return int(_count_rows(uv, faces, fraction_bits))
 
 
 def referenced_texels(uv: np.ndarray, faces: np.ndarray, fraction_bits: int, size: tuple[int, int], wrap: tuple[int, int],
                       most: int | None = None) -> np.ndarray:
-    """Ascending Morton keys, int64 [N], of the texels that a surface references.
+    """Return ascending Morton keys, int64 [N], of the texels of an image that the faces of a surface reference.
 
-    uv: int64 [V, 2] in steps of 2**-fraction_bits texels, of magnitude below MAX_UV; faces: int64 [F, 3] in 0..V-1; size: (width,
-    height), at most layout.MAX_SIDE each; wrap: modes (s, t) of scene.scene. Raises LimitError TXF-L04 if there are more than
-    `most` texels.
+    uv: int64 [V, 2] in steps of 2**-fraction_bits texels, of magnitude below MAX_UV; faces: int64 [F, 3] in 0..V-1; size:
+    (width, height), at most layout.MAX_SIDE each; wrap: modes (s, t) of scene.scene. Raises LimitError TXF-L04 if there are more
+    than `most` texels.
     """
     rows = count_rows(uv, faces, fraction_bits)
     table = np.zeros((size[1], size[0] + 1), np.int32 if rows < MOST_IN_32_BITS else np.int64)

@@ -21,8 +21,8 @@ BLOCK = 1 << 16
 
 @dataclass(repr=False, kw_only=True)
 class TexelSupport(Keyed):
-    """Texels that hold values. keys, level_shift: as in Keyed; width, height: of the full image; wrap: (s, t), modes of
-    scene.scene; fraction_bits: a UV is in steps of 2**-fraction_bits texels."""
+    """The texels of one image that hold values. keys, level_shift: as in Keyed; width, height: of the full image; wrap: (s, t),
+    modes of scene.scene; fraction_bits: a UV is in steps of 2**-fraction_bits texels."""
 
     keys: np.ndarray
     level_shift: int = 0
@@ -59,14 +59,14 @@ class TexelSupport(Keyed):
         return out
 
     def image(self, values: np.ndarray) -> np.ndarray:
-        """The image with values [N, C] in its texels, [height, width, C], 0 elsewhere."""
+        """Return the image [height, width, C] of values [N, C], one for each of these texels; other texels are 0."""
         out, xy = np.zeros((*self.size[::-1], values.shape[1]), values.dtype), self.xy()
         out[xy[:, 1], xy[:, 0]] = values
         return out
 
     def query(self, texel: np.ndarray, values: np.ndarray, threads: int = 1) -> np.ndarray:
-        """Values at UVs of the surface (8.2): float32 [M, C]. texel: float64 [M, 2], UVs in texels of the full image; values: [N,
-        C]."""
+        """Return the values at UVs of the surface (8.2): float32 [M, C]. texel: float64 [M, 2], UVs in texels of the full image;
+        values: [N, C], one for each of these texels."""
         out = np.empty((len(texel), values.shape[1]), np.float32)
         rank, size = self.rank, np.array([self.width, self.height], np.int64)
 

@@ -89,8 +89,8 @@ def _fetch_nearest(corners, faces, source, keys, sums, threads):
 
 
 def fill_uncoloured(keys: np.ndarray, colour: np.ndarray, weight: np.ndarray) -> None:
-    """Gives voxels of weight 0 (fully transparent) the mean colour of their nearest octree ancestor with colour, in place. keys:
-    int64 [N]; colour: float32 [N, C]; weight: [N]."""
+    """Give voxels of weight 0 (fully transparent) the mean colour of their nearest octree ancestor with colour, in place. keys:
+    int64 [N], ascending; colour: float32 [N, C]; weight: [N], area times alpha of each voxel."""
     empty = np.flatnonzero(weight <= 0)
     for shift in range(3, 42, 3):
         if len(empty) == 0:
@@ -105,7 +105,8 @@ def fill_uncoloured(keys: np.ndarray, colour: np.ndarray, weight: np.ndarray) ->
 
 
 def texels_per_edge(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bits: int, resolution: int) -> float:
-    """Mean number of texels along a voxel edge over the surface; 0 without textures. Arguments as in transfer()."""
+    """Return how many texels of the source's textures lie along a voxel edge, as a mean over the surface; 0 without textures.
+    Arguments as in transfer()."""
     _, textures, material_texture, _, _, face_material, uv, *_ = source
     texture = material_texture[face_material]
     voxel_faces = face_areas(lattice, faces).sum() * (resolution / (1 << position_bits)) ** 2
@@ -118,10 +119,12 @@ def texels_per_edge(lattice: np.ndarray, faces: np.ndarray, source: tuple, posit
 
 def transfer(lattice: np.ndarray, faces: np.ndarray, source: tuple, position_bits: int, resolution: int, keys: np.ndarray,
              brick_map: BrickMap, per_edge: int = SAMPLES_PER_EDGE, threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Mean source colour and alpha of every active voxel: (float32 [N, 3] sRGB-coded colour 0..255, float32 [N] alpha 0..255).
+    """Average the source's colour and alpha over the surface in each active voxel: (float32 [N, 3] sRGB-coded colour 0..255,
+    float32 [N] alpha 0..255).
 
-    lattice: int64 [V, 3]; faces: int64 [F, 3], parallel to the faces of `source` (from pack_source); keys: int64 [N] ascending
-    with its brick map; per_edge: samples per voxel edge, at least the normative number.
+    lattice: int64 [V, 3] below 2**position_bits; faces: int64 [F, 3]; source: of scene.fetch.pack_source(), with the same faces
+    in the same order; resolution: voxels a side; keys: int64 [N], ascending Morton keys of the voxels, with their brick map;
+    per_edge: samples per voxel edge, at least the normative number.
     """
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
     counts = np.empty(len(faces), np.int64)

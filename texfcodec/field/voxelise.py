@@ -166,15 +166,16 @@ def _slabs(corners, faces, counts, resolution, threads):
 
 def count_samples(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
                   per_edge: int = SAMPLES_PER_EDGE) -> int:
-    """Upper bound of the samples that voxelise() takes, in time linear in the faces. Arguments as there."""
+    """Return an upper bound of the samples of the surface that voxelise() takes, in time linear in the faces. Arguments as
+    there."""
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
     return int(_count_samples(corners, np.ascontiguousarray(faces, np.int64), per_edge, np.empty(len(faces), np.int64)))
 
 
 def voxelise(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int, area_threshold: int = 0,
              threads: int = 1, max_voxels: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Active voxels of a surface (spec clause 6): (keys int64 [N], ascending Morton keys; weights int64 [N], area in units of
-    2**-32 voxel faces).
+    """Return the active voxels, those that hold part of a surface (spec clause 6): (keys int64 [N], ascending Morton keys;
+    weights int64 [N], area of the surface in each, in units of 2**-32 voxel faces).
 
     lattice: int64 [V, 3] in 0..2**position_bits-1; faces: int64 [F, 3] in 0..V-1; resolution K: 1..8192; area_threshold: voxels
     with less than area_threshold / 256 voxel faces of surface are dropped. Raises LimitError if the surface touches more than

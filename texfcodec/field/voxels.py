@@ -23,7 +23,7 @@ MOST_DROPPED = 0.1  # share of the surface that the area threshold may leave wit
 
 @dataclass(repr=False)
 class VoxelSupport(Keyed):
-    """Voxels that hold values. resolution: K of the full grid; keys, level_shift: as in Keyed."""
+    """The voxels of one grid that hold values. resolution: K of the full grid; keys, level_shift: as in Keyed."""
 
     resolution: int
     keys: np.ndarray
@@ -52,17 +52,18 @@ class VoxelSupport(Keyed):
         return decode_morton(self.keys)
 
     def query(self, cube: CanonicalCube, points: np.ndarray, values: np.ndarray, threads: int = 1) -> np.ndarray:
-        """Values at surface points (8.2): float32 [M, C]. cube: CanonicalCube; points: float64 [M, 3] in world space; values: [N,
-        C]."""
+        """Return the values at surface points (8.2): float32 [M, C]. cube: CanonicalCube, which maps points to the grid; points:
+        float64 [M, 3] in world space; values: [N, C], one for each of these voxels."""
         grid = cube.to_grid(points, self.resolution) / (1 << self.level_shift)
         return query_field(grid, self.size, self.keys, self.brick_map, values, threads)[0]
 
 
 def kept_voxels(surface: tuple[np.ndarray, np.ndarray], position_bits: int, resolution: int, area_threshold: int,
                 threads: int, most_voxels: int | None) -> tuple[np.ndarray, int]:
-    """(voxels of a decoded surface (lattice, faces), ascending keys int64 [N]; their area threshold). The threshold is the
-    requested one, or 0 if that would leave more than MOST_DROPPED of the surface without voxels. most_voxels: limit, or None.
-    Encoder only. Raises LimitError."""
+    """Choose the voxels of a field and the area threshold to code: (ascending Morton keys int64 [N], threshold). Voxels with
+    less surface than area_threshold / 256 voxel faces are dropped, unless more than MOST_DROPPED of the surface would then be
+    without voxels: all stay, and the threshold is 0. surface: (lattice, faces), decoded; most_voxels: limit, or None. Encoder
+    only. Raises LimitError."""
     lattice, faces = surface
     keys, weights = voxelise(lattice, faces, position_bits, resolution, 0, threads, most_voxels)
     keep = weights >= area_threshold << 24

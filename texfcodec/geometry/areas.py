@@ -12,8 +12,8 @@ def face_areas(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def edge_columns(points: np.ndarray, faces: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """The edges from the first corner of each face to the second and to the third, as three columns float64 [F] each. points: [V,
-    3]; faces: int64 [F, 3]. Columns are four times faster than rows of three."""
+    """Return two edges of each face, from its first corner to the second and to the third, each as three columns x, y, z,
+    float64 [F]. points: [V, 3]; faces: int64 [F, 3]. Columns are four times faster than rows of three."""
     first, second, third = (np.ascontiguousarray(faces[:, i]) for i in range(3))
     u, v = [], []
     for axis in range(3):
@@ -25,7 +25,8 @@ def edge_columns(points: np.ndarray, faces: np.ndarray) -> tuple[list[np.ndarray
 
 
 def squared_cross(u: list[np.ndarray], v: list[np.ndarray]) -> np.ndarray:
-    """Squared lengths of cross products, float64 [F]. u, v: columns as edge_columns() has them."""
+    """Return the squared lengths of the cross products of vectors u and v, float64 [F]. u, v: columns as edge_columns() returns
+    them."""
     parts = [(u[i] * v[j] - u[j] * v[i]) ** 2 for i, j in ((1, 2), (2, 0), (0, 1))]
     return parts[0] + parts[1] + parts[2]
 
@@ -35,9 +36,10 @@ def sample_surface(positions: np.ndarray, faces: np.ndarray, count: int, seed: i
     """Points spread evenly by area over a triangle mesh: (face_index int64 [count], ascending; bary float64 [count, 3],
     non-negative, summing to 1 (to rounding), in the faces' corner order).
 
-    positions: [V, 3] finite; faces: [F, 3] indices; areas: from relative_areas(), to save time in repeated calls. One point falls
-    into each of `count` equal strips of the cumulative area. A face with the share s of all area therefore gets floor(s count) -
-    1 to ceil(s count) + 1 points, and a face without area gets none. The same arguments give the same points.
+    positions: [V, 3] finite; faces: [F, 3] indices; areas: of the faces by relative_areas(), to save time in repeated calls;
+    seed: of the random places. One point falls into each of `count` equal strips of the cumulative area. A face with the share s
+    of all area therefore gets floor(s count) - 1 to ceil(s count) + 1 points, and a face without area gets none. The same
+    arguments give the same points.
 
     Raises ValueError for bad indices, corners that are not finite, and meshes without area.
     """
@@ -63,8 +65,8 @@ def sample_surface(positions: np.ndarray, faces: np.ndarray, count: int, seed: i
 
 
 def relative_areas(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Face areas float64 [F] in units of the squared largest extent, so that no scale (1e-300 to 1e300) overflows or
-    underflows."""
+    """Return face areas, float64 [F], in units of the squared largest extent of the mesh, so that no scale (1e-300 to 1e300)
+    overflows or underflows. positions: [V, 3]; faces: [F, 3]."""
     used, faces = used_vertices(faces, len(positions))
     corners = positions[used]
     if not np.isfinite(corners).all():
@@ -79,14 +81,15 @@ def relative_areas(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def area_shares(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Face areas float64 [F] as shares of the total; 0 without area."""
+    """Return face areas, float64 [F], as shares of the total; all 0 if the mesh has no area. positions: [V, 3]; faces: [F,
+    3]."""
     areas = relative_areas(positions, faces)
     return areas / (areas.sum() or 1.0)
 
 
 def used_vertices(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(ascending numbers of the vertices that faces use, int64 [n]; the faces renumbered to those). faces: int64 [F, 3] below
-    count."""
+    """Return (ascending numbers of the vertices that faces use, int64 [n]; the faces with their corners renumbered to those).
+    faces: int64 [F, 3] below count."""
     if 4 * faces.size < count:  # few faces of a large mesh: sorting them takes less than a walk over all vertices
         used, local = np.unique(faces, return_inverse=True)
         return used, local.reshape(-1, 3)

@@ -24,14 +24,16 @@ class CanonicalCube:
         return (1 << self.position_bits) - 1
 
     def to_lattice(self, points: np.ndarray) -> np.ndarray:
-        """Nearest lattice point. points: float64 [..., 3]. Returns int64 of the same shape in 0..2**B-1. Encoder only."""
+        """Return the lattice point nearest to each world point. points: float64 [..., 3]. Returns int64 of the same shape in
+        0..2**B-1. Encoder only."""
         if self.side == 0:
             return np.zeros(np.shape(points), np.int64)
         scaled = (np.asarray(points, np.float64) - self.origin) / self.side * self.last
         return np.clip(np.floor(scaled + 0.5), 0, self.last).astype(np.int64)
 
     def to_world(self, lattice: np.ndarray) -> np.ndarray:
-        """origin + side * (p / (2**B - 1)) in binary64 (spec 8.1). lattice: int64 or float64 [..., 3]."""
+        """Return world positions of lattice coordinates p: origin + side * (p / (2**B - 1)) in binary64 (spec 8.1). lattice:
+        int64 or float64 [..., 3]."""
         return np.asarray(self.origin) + self.side * (np.asarray(lattice, np.float64) / self.last)
 
     def to_grid(self, points: np.ndarray, resolution: int) -> np.ndarray:
@@ -46,14 +48,15 @@ class CanonicalCube:
 
 
 def finer_cube(cube: CanonicalCube) -> CanonicalCube:
-    """The cube of the finest lattice that gives every place the same grid coordinates as `cube`. Encoder only."""
+    """Return the cube of the finest lattice in which every world point keeps the grid coordinates that it has in `cube`. Encoder
+    only."""
     side = cube.side * ((1 << MAX_BITS) - 1) / (cube.last << (MAX_BITS - cube.position_bits))
     return CanonicalCube(cube.origin, side, MAX_BITS)
 
 
 def fit_cube(positions: np.ndarray, position_bits: int) -> CanonicalCube:
-    """Canonical cube of a mesh; side 0 at the origin without positions. positions: float64 [V, 3], finite. Raises InputError for
-    coordinates out of range."""
+    """Return the canonical cube around a mesh; side 0 at the origin without positions. positions: float64 [V, 3], finite;
+    position_bits: bits of a lattice coordinate. Raises InputError for coordinates out of range."""
     if len(positions) == 0:
         return CanonicalCube((0.0, 0.0, 0.0), 0.0, position_bits)
     low, high = positions.min(axis=0), positions.max(axis=0)

@@ -11,8 +11,9 @@ _TABLE = np.array([zlib.crc32(bytes([byte ^ 0xFF])) ^ 0xFF000000 for byte in ran
 
 
 def geometry_crc(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray | None = None) -> int:
-    """Sum of the faces' CRC-32, modulo 2**32. lattice: int64 [V, 3] in 0..2**20-1; faces: int64 [F, 3] into lattice; uv: int64
-    [V, 2] in -2**26..2**26, or None. Raises IndexError for a corner out of range."""
+    """Return the checksum of a mesh, which ignores the order of its faces: the sum of the faces' CRC-32, modulo 2**32. lattice:
+    int64 [V, 3] in 0..2**20-1; faces: int64 [F, 3] into lattice; uv: int64 [V, 2] in -2**26..2**26, or None. Raises IndexError
+    for a corner out of range."""
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(lattice):
         raise IndexError("a face has a corner that does not exist")
     corners = lattice if uv is None else np.hstack([lattice, uv])

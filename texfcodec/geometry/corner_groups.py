@@ -14,8 +14,9 @@ _ANGLE = 12  # fractional bits of a right angle
 
 @dataclass(frozen=True)
 class CornerGroups:
-    """group: int64 [3 F], the group of each corner 3 f + c, -1 for none; first: int64 [G + 1], corner_of: int64 [C], the corners
-    of group g are corner_of[first[g] : first[g + 1]]; frame: int64 [G, 3, 3], rows x, y and the base normal, of length 2**14."""
+    """Groups of face corners at one vertex that share a coded normal. group: int64 [3 F], the group of each corner 3 f + c, -1
+    for none; first: int64 [G + 1], corner_of: int64 [C], the corners of group g are corner_of[first[g] : first[g + 1]]; frame:
+    int64 [G, 3, 3], rows x, y and the base normal, of length 2**14."""
 
     group: np.ndarray
     first: np.ndarray
@@ -26,8 +27,9 @@ class CornerGroups:
         return len(self.frame)
 
     def normals(self, residuals: np.ndarray, step: int) -> np.ndarray:
-        """Normals of the groups, int16 [G, 3] of length about 2**14. residuals: int64 [G, 2], each below 2**14; step: below
-        2**13, in units of 2**-14 in the stereographic projection from the point opposite to the base normal.
+        """Return the normals of the groups, int16 [G, 3] of length about 2**14, from coded residuals to the base normals.
+        residuals: int64 [G, 2], each below 2**14; step: their quantiser step, below 2**13, in units of 2**-14 in the
+        stereographic projection from the point opposite to the base normal.
 
         A residual times the step is below 2**27, its square below 2**54, a component of the sum below 2**56.
         """
@@ -37,7 +39,8 @@ class CornerGroups:
         return _unit(reduced((weights[:, :, None] * self.frame).sum(axis=1))).astype(np.int16)
 
     def residuals(self, normals: np.ndarray, step: int) -> np.ndarray:
-        """Residuals whose normals are nearest to given ones: int64 [G, 2]. normals: float64 [G, 3] of length 1. Encoder only."""
+        """Return the residuals int64 [G, 2] from which normals() gets nearest to the given normals. normals: float64 [G, 3] of
+        length 1; step: as in normals(). Encoder only."""
         along = np.einsum("gak,gk->ga", self.frame / (1 << ONE), normals)
         side = np.hypot(along[:, 0], along[:, 1])[:, None]
         towards = np.where(side > 1e-9, along[:, :2] / np.maximum(side, 1e-9), (1.0, 0.0))
@@ -52,10 +55,10 @@ MOST = 8000  # a residual's magnitude that the encoder writes at most; the synta
 
 def corner_groups(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRule], face_rule: np.ndarray,
                   sharp: np.ndarray) -> CornerGroups:
-    """The groups that have a coded normal, in order: those with a corner of a face whose rule is CODED.
+    """Return the corner groups that have a coded normal, in coded order: those with a corner of a face whose rule is CODED.
 
-    lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3]; rules: by number; face_rule: int64 [F]; sharp: bool over the edges of
-    faces whose rule has marks (spec 8.4.2).
+    lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3]; rules: of shading normals, by number; face_rule: int64 [F], number of
+    each face's rule; sharp: bool, marks of the edges of faces whose rule has marks (spec 8.4.2).
     """
     edges = shared_edges(weld(lattice)[faces])
     of_edge = np.zeros(len(edges), bool)
@@ -65,8 +68,8 @@ def corner_groups(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRule
 
 
 def groups_of(lattice: np.ndarray, faces: np.ndarray, coded: np.ndarray, edges: Edges, sharp: np.ndarray) -> CornerGroups:
-    """Groups of corner_groups(), from edges that are known. coded: bool [F]; edges: shared_edges() of the welded faces; sharp:
-    bool [E]."""
+    """Return the groups of corner_groups() for a surface whose edges are known already. coded: bool [F], whether a face's rule
+    is CODED; edges: shared_edges() of the welded faces; sharp: bool [E], the marks of all edges."""
     vertex, normal = weld(lattice)[faces], reduced_normals(lattice, faces)
     rank, twins = _ranked(vertex)
     parent = joined(np.concatenate([_linked(edges, vertex, normal, sharp), twins]), 3 * len(faces))

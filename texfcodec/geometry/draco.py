@@ -29,15 +29,16 @@ class UvCoding:
 
 
 def enc_geometry(lattice: np.ndarray, faces: np.ndarray, position_bits: int) -> bytes:
-    """Draco bytes of one unit. lattice: int64 [V, 3] in 0..2**position_bits-1 (<= 2**20); faces: int64 [F, 3]."""
+    """Code a mesh without UVs as the Draco bytes of one unit. lattice: int64 [V, 3] in 0..2**position_bits-1 (<= 2**20); faces:
+    int64 [F, 3]."""
     if lattice.min() < 0 or lattice.max() >= 1 << position_bits:
         raise ValueError("lattice position out of range")
     return _encode(lattice, faces)
 
 
 def split_corners(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Makes a point of every vertex and UV that occur together: (vertex of every point int64 [P], its UV int64 [P, 2], faces
-    int64 [F, 3] of points). faces: int64 [F, 3]; uv: int64 [F, 3, 2]. A vertex has one point for each of its UVs."""
+    """Make one point of each pair of a vertex and a UV that occurs at a corner. Returns (vertex of every point int64 [P], its UV
+    int64 [P, 2], faces int64 [F, 3] of points). faces: int64 [F, 3]; uv: int64 [F, 3, 2], of the corners."""
     vertex, (u, v) = faces.reshape(-1), uv.reshape(-1, 2).T
     order = np.lexsort((v, u, vertex))  # a fifth of the time of unique rows
     new = np.zeros(len(order), bool)
@@ -51,10 +52,10 @@ def split_corners(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def enc_textured(lattice: np.ndarray, faces: np.ndarray, uv: np.ndarray, position_bits: int) -> tuple[bytes, UvCoding]:
-    """(Draco bytes of one unit with UVs, their UvCoding). uv: int64 [V, 2], minimum 0 in both columns, maximum below
-    2**MAX_UV_BITS; the other arguments as in enc_geometry(). Draco predicts quantised texture coordinates from the positions,
-    which suits scans, and integers from their neighbours, which suits charts drawn by hand (UV bytes -22 to +92 % on seven
-    assets). The smaller result wins."""
+    """Code a mesh with UVs: (Draco bytes of one unit, the UvCoding that was used). uv: int64 [V, 2], minimum 0 in both columns,
+    maximum below 2**MAX_UV_BITS; the other arguments as in enc_geometry(). Draco predicts quantised texture coordinates from the
+    positions, which suits scans, and integers from their neighbours, which suits charts drawn by hand (UV bytes -22 to +92 % on
+    seven assets). The smaller result wins."""
     if lattice.min() < 0 or lattice.max() >= 1 << position_bits or uv.min(axis=0).any() or uv.max() >= 1 << MAX_UV_BITS:
         raise ValueError("lattice position or UV out of range")
     longest = max(int(uv.max()), 1)
@@ -90,8 +91,8 @@ def _encode(lattice, faces, **attributes):
 
 
 def counts_of(data: bytes, offset: int = 0) -> tuple[int, int]:
-    """(vertices, faces) from the Draco header. Raises StreamError if the substream has another form than the specification allows
-    (5.6)."""
+    """Return (vertices, faces) as the Draco header states them. data: a unit's Draco bytes; offset: theirs in the file, for
+    errors. Raises StreamError if the substream has another form than the specification allows (5.6)."""
     if bytes(data[: len(_HEADER)]) != _HEADER:
         raise StreamError("TXF-S20", "the Draco substream is not an edgebreaker mesh of version 2.2", clause="5.6", offset=offset)
     reader = Reader(data, len(_HEADER), len(data), offset)
@@ -104,9 +105,10 @@ def counts_of(data: bytes, offset: int = 0) -> tuple[int, int]:
 
 
 def dec_geometry(data: bytes, vertices: int, faces: int, position_bits: int, offset: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Decodes one unit: (lattice int64 [vertices, 3], faces int64 [faces, 3]).
+    """Decode the Draco bytes of one unit: (lattice int64 [vertices, 3], faces int64 [faces, 3]).
 
-    Raises StreamError if the substream differs from the unit's values in form, counts or ranges.
+    vertices, faces: counts that the unit states; offset: of data in the file, for errors. Raises StreamError if the substream
+    differs from the unit's values in form, counts or ranges.
     """
     mesh = _decode(data, (vertices, faces), [(_POSITION, _UINT32, 3)], offset)
     lattice, triangles = _surface_of(mesh, faces, position_bits, offset)
@@ -117,8 +119,9 @@ def dec_geometry(data: bytes, vertices: int, faces: int, position_bits: int, off
 
 def dec_textured(data: bytes, vertices: int, faces: int, uv: UvCoding, position_bits: int,
                  offset: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Decodes one unit with UVs: (lattice int64 [P, 3], faces int64 [faces, 3], uv int64 [P, 2] below 2**MAX_UV_BITS). A vertex
-    occurs once for every chart that contains it. Raises StreamError as dec_geometry()."""
+    """Decode the Draco bytes of one unit with UVs: (lattice int64 [P, 3], faces int64 [faces, 3], uv int64 [P, 2] below
+    2**MAX_UV_BITS). A vertex occurs once for every chart that contains it. uv: the unit's UvCoding; the other arguments and
+    errors as in dec_geometry()."""
     kind = (_TEX_COORD, _FLOAT32, 2) if uv.bits else (_GENERIC, _UINT32, 2)
     mesh = _decode(data, (vertices, faces), [(_POSITION, _UINT32, 3), kind], offset)
     lattice, triangles = _surface_of(mesh, faces, position_bits, offset)

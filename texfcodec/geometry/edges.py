@@ -28,20 +28,21 @@ class Edges:
         return len(self.ends)
 
     def touching(self, faces: np.ndarray) -> np.ndarray:
-        """Edges of the selected faces, bool [E]. faces: bool [F]."""
+        """Return which edges belong to at least one of the selected faces, bool [E]. faces: bool [F]."""
         out = np.zeros(len(self), bool)
         out[self.edge[faces[self.half // 3]]] = True
         return out
 
 
 def weld(lattice: np.ndarray) -> np.ndarray:
-    """Number of every position among the distinct positions, ascending by z, y and x: int64 [V]. lattice: int64 [V, 3]."""
+    """Number the distinct positions, ascending by z, y and x, and return the number of each vertex's position: int64 [V].
+    lattice: int64 [V, 3]."""
     packed = lattice[:, 0] | (lattice[:, 1] << 20) | (lattice[:, 2] << 40)
     return distinct(packed)[1]
 
 
 def face_components(faces: np.ndarray) -> np.ndarray:
-    """Edge-connected component of every face: int64 [F]. faces: int64 [F, 3] over welded vertices."""
+    """Return the number of the edge-connected component of every face: int64 [F]. faces: int64 [F, 3] over welded vertices."""
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     key = ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1]
     owner = np.tile(np.arange(len(faces)), 3)
@@ -52,7 +53,8 @@ def face_components(faces: np.ndarray) -> np.ndarray:
 
 
 def shared_edges(corners: np.ndarray) -> Edges:
-    """Edges of faces whose corners are welded vertices, int64 [F, 3]. A face with two equal corners has none."""
+    """Return the Edges that faces share. corners: int64 [F, 3], welded vertices of the faces; a face with two equal corners has
+    no edges."""
     start, stop = corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1)
     low, high = np.minimum(start, stop), np.maximum(start, stop)
     order = np.argsort(low << 32 | high, kind="stable")  # sides of an edge in the order of the faces
@@ -70,8 +72,9 @@ def shared_edges(corners: np.ndarray) -> Edges:
 
 
 def folds(edges: Edges, lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Class of the angle between the faces at each edge, int64 [E] below NUM_FOLDS. It compares squared cosines in integers, so
-    that all decoders agree. lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3].
+    """Return the class of the angle between the faces at each edge, int64 [E] below NUM_FOLDS. It compares squared cosines in
+    integers, so that all decoders agree. edges: shared_edges() of the welded faces; lattice: int64 [V, 3] below 2**20; faces:
+    int64 [F, 3].
 
     Components of normals are below 2**42, then reduced to NORMAL_BITS bits: dot and squared lengths stay below 2**30, the square
     of the dot and the product of lengths below 2**60.
@@ -92,16 +95,17 @@ def folds(edges: Edges, lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def coded_edges(lattice: np.ndarray, faces: np.ndarray, marked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges that have a mark, in order: (ends int64 [E, 2], fold int64 [E]). lattice: int64 [V, 3]; faces: int64 [F, 3]; marked:
-    bool [F], faces whose material has marks."""
+    """Return the edges that have a coded mark, in coded order: (ends int64 [E, 2], welded vertices; class of folds(), int64
+    [E]). lattice: int64 [V, 3]; faces: int64 [F, 3]; marked: bool [F], faces whose material has marks."""
     edges = shared_edges(weld(lattice)[faces])
     coded = edges.touching(marked)
     return edges.ends[coded], folds(edges, lattice, faces)[coded]
 
 
 def corner_pairs(edges: Edges, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(pairs of corners 3 f + c at one end of a shared edge, int64 [L, 2]; the edge of each pair, int64 [L]). All pairs of faces
-    at an edge occur, so their order has no influence. vertex: int64 [3 F], welded."""
+    """Return the pairs of corners 3 f + c of two faces at one end of their shared edge: (pairs int64 [L, 2], edge of each pair
+    int64 [L]). All pairs of faces at an edge occur, so their order has no influence. vertex: int64 [3 F], welded vertex of each
+    corner."""
     half, edge, pairs, at = edges.half, edges.edge, [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
     other = half - half % 3 + (half + 1) % 3
     for step in range(1, len(half)):
@@ -116,21 +120,22 @@ def corner_pairs(edges: Edges, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def joined(links: np.ndarray, count: int) -> np.ndarray:
-    """Set of each number below count after joining pairs of numbers: int64 [count], numbered by first members. links: int64 [L,
-    2]."""
+    """Join pairs of numbers into sets and return the set of each number below count: int64 [count]. Sets are numbered in the
+    order of their lowest members. links: int64 [L, 2], the pairs."""
     return components(count, links[:, 0], links[:, 1])
 
 
 def reduced_normals(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Normals of faces as int64 [N, 3] whose largest component has NORMAL_BITS bits; 0 for a face without area. lattice: int64
-    [V, 3] below 2**20."""
+    """Return face normals, not of unit length, as integers int64 [F, 3] whose largest component has NORMAL_BITS bits; 0 for a
+    face without area. lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3]."""
     u, v = (lattice[faces[:, k]] - lattice[faces[:, 0]] for k in (1, 2))
     return reduced(np.stack([u[:, 1] * v[:, 2] - u[:, 2] * v[:, 1], u[:, 2] * v[:, 0] - u[:, 0] * v[:, 2],
                              u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]], axis=1))
 
 
 def reduced(vectors: np.ndarray) -> np.ndarray:
-    """Vectors int64 [N, 3] below 2**60, shifted until the largest component has NORMAL_BITS bits; 0 stays 0."""
+    """Return vectors, each shifted by bits, left or right, until its largest component has NORMAL_BITS bits; 0 stays 0. vectors:
+    int64 [N, 3] below 2**60."""
     largest = np.abs(vectors).max(axis=1, initial=0)
     bits = np.zeros(len(vectors), np.int64)
     for k in (32, 16, 8, 4, 2, 1):

@@ -8,8 +8,9 @@ import numpy as np
 
 @dataclass
 class GeometryUnit:
-    """lattice: int64 [V, 3]; faces: int64 [F, 3] into lattice; uv: int64 [V, 2] in steps of 2**-uv_fraction_bits texels of its
-    field, None if the field is over voxels. With uv, a lattice position occurs once for every chart that contains it."""
+    """Decoded mesh of one field and material. lattice: int64 [V, 3]; faces: int64 [F, 3] into lattice; uv: int64 [V, 2] in steps
+    of 2**-uv_fraction_bits texels of its field, None if the field is over voxels. With uv, a lattice position occurs once for
+    every chart that contains it."""
 
     field: int
     material: int
@@ -26,7 +27,8 @@ class LatticeMesh(NamedTuple):
 
 
 def field_surface(units: list, number: int) -> LatticeMesh:
-    """Concatenates the geometry units of one field."""
+    """Concatenate the geometry units of one field to a single LatticeMesh. units: all GeometryUnits of the stream; number: of
+    the field."""
     of_field = [u for u in units if u.field == number]
     starts = np.cumsum([0] + [len(u.lattice) for u in of_field])
     faces = [u.faces + s for u, s in zip(of_field, starts[:-1], strict=True)]
@@ -34,5 +36,6 @@ def field_surface(units: list, number: int) -> LatticeMesh:
 
 
 def field_uv(units: list, number: int) -> np.ndarray:
-    """UVs of all geometry units of one field over texels, int64 [V, 2], parallel to the lattice of field_surface()."""
+    """Concatenate the UVs of the geometry units of one field over texels: int64 [V, 2], parallel to the lattice of
+    field_surface(). units: all GeometryUnits of the stream; number: of the field."""
     return np.concatenate([u.uv for u in units if u.field == number])

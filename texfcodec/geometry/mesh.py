@@ -34,7 +34,7 @@ class Mesh(NamedTuple):
 
 
 def points_at(mesh: Mesh, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
-    """Points of a mesh, float64 [M, 3]. face: int64 [M]; bary: float64 [M, 3]."""
+    """Return the points at places on a mesh, float64 [M, 3]. face: int64 [M]; bary: float64 [M, 3], barycentric coordinates."""
     return np.einsum("mk,mkc->mc", bary, mesh.positions[mesh.faces[face]])
 
 

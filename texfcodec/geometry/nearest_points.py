@@ -48,11 +48,12 @@ class NearestPoints:
 
     def find(self, points: np.ndarray, normals: np.ndarray | None = None, turn: float = 0.0, group: np.ndarray | None = None,
              threads: int = 1) -> Nearest:
-        """The nearest points. points: float64 [M, 3]. The result does not depend on threads.
+        """Return the point of the mesh nearest to each of the points. points: float64 [M, 3]. The result does not depend on
+        threads.
 
         normals: float64 [M, 3]; a face that points against a point's normal counts as farther by `turn`, in the mesh's units, so
-        that of two layers the one with the same orientation wins. group: int64 [M]; a face of another group than the point's also
-        counts as farther by `turn`. The returned distance excludes this.
+        that of two layers the one with the same orientation wins. group: int64 [M]; a face of another group than the point's
+        also counts as farther by `turn`. The returned distance excludes this.
         """
         points = (np.asarray(points, np.float64) - self._middle) / self._half
         order, count = _curve_order(points), len(points)

@@ -18,11 +18,11 @@ _CANCELLED = 1e-9  # of the weight that a sum keeps, below which it has no direc
 
 
 class Fans:
-    """The corners 3 f + c around each vertex of a surface, with the quantities that rules need. Vertices at one position count as
-    one.
+    """The corners 3 f + c around each vertex of a surface, with the quantities from which rules of shading normals compute.
+    Vertices at one position count as one.
 
-    lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3]. vertex: int64 [3 F]; unit: float64 [F, 3] normals, 0 without area;
-    area: float64 [F], doubled.
+    lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3]. Attributes: vertex: int64 [3 F], welded vertex of each corner; unit:
+    float64 [F, 3] normals, 0 without area; area: float64 [F], twice the area in lattice steps.
     """
 
     def __init__(self, lattice: np.ndarray, faces: np.ndarray) -> None:
@@ -36,7 +36,8 @@ class Fans:
             self._angle[3 * some.start : 3 * some.stop] = _corner_angles(corners)
 
     def weights(self, weight: int) -> np.ndarray:
-        """Weight of each corner by AREA, ANGLE or BOTH, float64 [3 F]."""
+        """Return the weight of each corner in the mean of normals at its vertex, float64 [3 F]. weight: AREA of the face, ANGLE
+        at the corner, or BOTH multiplied."""
         if weight == ANGLE:
             return self._angle
         area = np.repeat(self.area, 3)
@@ -58,16 +59,17 @@ class Fans:
         return pairs, cosine, edge
 
     def normals(self, rule: NormalRule, chosen: np.ndarray | None = None, sharp: np.ndarray | None = None) -> np.ndarray:
-        """Normals of corners by one rule, float32 [N, 3] of length 1. chosen: int64 [N], None for all; sharp: bool [E], the
-        marked edges."""
+        """Return shading normals of corners by one rule, float32 [N, 3] of length 1. chosen: int64 [N], corners 3 f + c, None
+        for all; sharp: bool [E], the edges that are marked as sharp."""
         chosen = np.arange(len(self.vertex)) if chosen is None else chosen
         if rule.is_flat:
             return self._rounded(np.zeros((1, 4)), np.zeros(len(chosen), np.int64), chosen)
         return self.of_sets(self.joined(rule.angle, sharp if rule.kind == MARKED else None), rule.weight, chosen)
 
     def joined(self, angle: int, sharp: np.ndarray | None = None) -> np.ndarray:
-        """The set of every corner, int64 [3 F]. Two corners at one end of an edge are in one set if the angle between their faces
-        is within `angle` and the edge is not sharp. sharp: bool [E]."""
+        """Return the number of the set that every corner belongs to, int64 [3 F]; a set shares a normal. Two corners at one end
+        of an edge are in one set if the angle between their faces is within `angle`, as in NormalRule, and the edge is not
+        sharp. sharp: bool [E]."""
         pairs, cosine, edge = self.links
         linked = cosine >= NormalRule(JOINED, AREA, angle).cosine
         if sharp is not None:
@@ -75,8 +77,9 @@ class Fans:
         return joined(pairs[linked], len(self.vertex))
 
     def of_sets(self, sets: np.ndarray, weight: int, chosen: np.ndarray) -> np.ndarray:
-        """Normals of corners as means over sets, float32 [N, 3]. sets: int64 [3 F] below 3 F; the corners of a set share a
-        vertex. chosen: int64 [N]."""
+        """Return for each chosen corner the weighted mean of the face normals in its set, float32 [N, 3] of length 1. sets:
+        int64 [3 F] below 3 F, of joined(); the corners of a set share a vertex. weight: as in weights(); chosen: int64 [N],
+        corners 3 f + c."""
         total = np.zeros((len(sets), 4))
         _add_up(sets, self.weights(weight), self.unit, total)
         return self._rounded(total, sets[chosen], chosen)
@@ -137,9 +140,9 @@ def corner_normals(lattice: np.ndarray, faces: np.ndarray, rules: list[NormalRul
                    coded: tuple[CornerGroups, np.ndarray] | None = None) -> np.ndarray:
     """Unit normal of every face corner, float32 [F, 3, 3], in steps of about 1/2048 so that equal normals merge.
 
-    lattice: int64 [V, 3]; faces: int64 [F, 3]; rules: by number, or empty for the usual rule alone; face_rule: int64 [F]; sharp:
-    bool over the edges of faces whose rule has marks (spec 8.4.2), None without such a rule; coded: groups of corners and their
-    normals int16 [G, 3], None without a CODED rule.
+    lattice: int64 [V, 3]; faces: int64 [F, 3]; rules: of shading normals, by number, or empty for the usual rule alone;
+    face_rule: int64 [F], number of each face's rule; sharp: bool over the edges of faces whose rule has marks (spec 8.4.2), None
+    without such a rule; coded: CornerGroups and their normals int16 [G, 3], None without a CODED rule.
     """
     rules = [USUAL] if rules is None else rules
     of_corner = np.zeros(3 * len(faces), np.int64) if face_rule is None else np.repeat(face_rule, 3)

@@ -25,8 +25,8 @@ LEAST_HEIGHT = 2.0**-22  # of a face, in sides of the cube: about what rounding 
 
 @dataclass
 class Surface:
-    """The source on its lattice. cube: CanonicalCube; lattice: int64 [V, 3], distinct; faces: int64 [F, 3], three distinct
-    corners each; origin_face: int64 [F] into the scene's faces; material: int64 [F]."""
+    """The source's mesh, its vertices rounded to a lattice. cube: CanonicalCube; lattice: int64 [V, 3], distinct; faces: int64
+    [F, 3], three distinct corners each; origin_face: int64 [F] into the scene's faces; material: int64 [F]."""
 
     cube: CanonicalCube
     lattice: np.ndarray
@@ -78,11 +78,12 @@ def make_surface(scene: Scene, options: LatticeSettings) -> Surface:
 
 def place_mesh(cube: CanonicalCube, points: np.ndarray, faces: np.ndarray, material: np.ndarray,
                thin: Callable[[np.ndarray], np.ndarray] | None = None) -> Surface:
-    """The Surface of a mesh on its lattice: equal positions are merged, collapsed faces and idle flat faces removed.
+    """The Surface of a mesh on its lattice: equal positions are merged, collapsed faces and flat faces that close no gap
+    (idle_faces) removed.
 
-    points: int64 [V, 3] in 0..cube.last; faces: int64 [F, 3], which origin_face of the result indexes; material: int64 [F]; thin:
-    function of face numbers int64 [N] that returns bool [N], the faces to treat as flat besides those that are flat on the
-    lattice.
+    points: int64 [V, 3] in 0..cube.last; faces: int64 [F, 3], which origin_face of the result indexes; material: int64 [F],
+    number of each face's material; thin: function of face numbers int64 [N] that returns bool [N], the faces to treat as flat
+    besides those that are flat on the lattice.
     """
     packed = points[:, 0] | (points[:, 1] << 20) | (points[:, 2] << 40)
     unique, place, _ = distinct(packed)
@@ -117,8 +118,9 @@ def thin_faces(positions: np.ndarray, faces: np.ndarray, side: float, chosen: np
 
 
 def idle_faces(faces: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Flat faces that close no gap, bool [F]: those in edge-connected components of flat faces alone, and, repeatedly, those that
-    share at most one edge with others. If all faces are flat, none is idle, because nothing else would be visible.
+    """Return which faces are flat and close no gap, bool [F]: those in edge-connected components of flat faces alone, and,
+    repeatedly, those that share at most one edge with others. If all faces are flat, none is idle, because nothing else would be
+    visible.
 
     A flat face between others stays: without it, the corner in the middle of its long edge would leave a crack there. faces:
     int64 [F, 3] over welded vertices; flat: bool [F].

@@ -36,8 +36,8 @@ def corner_tangents(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndar
 
 
 def has_uv_area(corner_uv: np.ndarray) -> np.ndarray:
-    """Return whether the UVs of faces have an area: bool [F]. corner_uv: [F, 3, 2], integers or reals. Exact for integers below
-    2**25."""
+    """Return whether the triangle of each face's UVs has an area: bool [F]. corner_uv: [F, 3, 2], integers or reals. Exact for
+    integers below 2**25."""
     with np.errstate(invalid="ignore", over="ignore"):
         u, v = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
         area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]

@@ -16,7 +16,8 @@ _SHORTEST = 1e-12  # of a stored normal: below it rounding has eaten the directi
 
 
 def place_normals(normals: np.ndarray | None, linear: np.ndarray) -> np.ndarray | None:
-    """Normals [..., 3] of any length, multiplied by the inverse transpose of a node's linear map, float64 [3, 3].
+    """Return normals [..., 3], of any length, multiplied by the inverse transpose of a node's matrix; None for None. linear: that
+    matrix, float64 [3, 3].
 
     Cofactors stand for the inverse, so that a node that is flat along an axis still gives its surface a direction.
     """
@@ -28,8 +29,8 @@ def place_normals(normals: np.ndarray | None, linear: np.ndarray) -> np.ndarray 
 
 
 def place_tangents(tangents: np.ndarray | None, linear: np.ndarray) -> np.ndarray | None:
-    """Tangents [..., 4] under a node's linear map, float64 [3, 3]. The map transforms directions; if it mirrors, w changes its
-    sign."""
+    """Return tangents [..., 4] with directions multiplied by a node's matrix, float64 [3, 3]; None for None. If the matrix
+    mirrors, w changes its sign."""
     if tangents is None:
         return None
     tangents = np.array(tangents, np.float64)
@@ -99,7 +100,8 @@ def _directions(vectors):
 
 
 def face_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit normals of faces, float64 [F, 3]; (0, 0, 1) without area. positions: float64 [V, 3]; faces: int64 [F, 3]."""
+    """Return the unit normals of faces, float64 [F, 3]; (0, 0, 1) for faces without area. positions: float64 [V, 3]; faces: int64
+    [F, 3]."""
     u, v = (positions[faces[:, i]] - positions[faces[:, 0]] for i in (1, 2))
     longest = np.maximum(np.abs(u).max(axis=1), np.abs(v).max(axis=1))[:, None]
     scale = np.where(longest > 0, longest, 1.0)

@@ -25,7 +25,7 @@ _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def automatic_image(image: np.ndarray, step: float | None, srgb: bool = True) -> tuple[ImageFormat, bytes]:
-    """(format, bytes) of an image: the smaller of PNG and JPEG. JPEG must cost less than 0.2 dB.
+    """Encode an image as the smaller of PNG and JPEG and return (format, bytes). JPEG must cost less than 0.2 dB.
 
     image: uint8 [H, W, 3 or 4]; step: quantiser step of its values in levels of 255, 0 for exact values, None if unknown; srgb:
     whether it holds colours, whose error is measured in luma. An image is PNG if it has alpha, exact values or few colours.
@@ -138,8 +138,8 @@ def _png(image, palette):
 
 
 def palette_of(image: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """(colours uint8 [n, 3], index of each texel's colour uint8 [H, W]) of an image, uint8 [H, W, 3]; None if it has more than
-    256 colours."""
+    """Return the palette of an image, uint8 [H, W, 3]: (colours uint8 [n, 3], index of each texel's colour uint8 [H, W]); None if
+    the image has more than 256 colours."""
     packed = image.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
     if len(np.unique(packed[:: max(1, len(packed) // 16)])) > 256:
         return None

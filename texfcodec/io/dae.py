@@ -35,7 +35,8 @@ _USED_INPUTS = {"VERTEX", "TEXCOORD", "COLOR", "NORMAL"}
 
 
 def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """bytes of a .dae file -> Scene. folder: where its images are. Errors: TXF-I24, SupportError TXF-I35 without pycollada."""
+    """Read the bytes of a .dae file as a Scene. folder: where its images are. Errors: TXF-I24, SupportError TXF-I35 without
+    pycollada."""
     document = _parse(_without_lines(_with_points(bytes(data), notes), notes))
     errors = _name_errors(document, notes)
     if document.scene is None:

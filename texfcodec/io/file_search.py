@@ -33,7 +33,8 @@ def is_remote(name: str) -> bool:
 
 
 def missing_file(name: str, kind: str = "texture file") -> InputError:
-    """The error for a file that a mesh names and that is not there: TXF-I16, or TXF-I27 for one on a network."""
+    """Return the error for a file that a mesh names and that is missing: TXF-I16, or TXF-I27 for an address on a network. kind:
+    of file, for the message."""
     shown = name if len(name) <= _SHOWN else name[:_SHOWN] + "..."
     if is_remote(name):
         return InputError("TXF-I27", f"{kind} '{shown}' is remote; nothing is downloaded")
@@ -41,7 +42,8 @@ def missing_file(name: str, kind: str = "texture file") -> InputError:
 
 
 def read_file(folder: Path, name: str, notes: Notes, kind: str = "texture file") -> bytes:
-    """bytes of a file that a mesh names. kind: for the message. InputError as missing_file()."""
+    """Read a file that a mesh names and return its bytes. folder: of the mesh; notes: messages, as in find_file(); kind: of file,
+    for the error of missing_file(), which is raised if there is none."""
     path = find_file(folder, name, notes)
     try:
         if path is not None:
@@ -52,8 +54,8 @@ def read_file(folder: Path, name: str, notes: Notes, kind: str = "texture file")
 
 
 def find_file(folder: Path, name: str, notes: Notes) -> Path | None:
-    """Path of a file that a mesh names, or None. folder: of the mesh; notes: receives a remark if the file has another name or is
-    in another folder, and a loss if several files fit equally well."""
+    """Find a file that a mesh names, also under similar names, and return its path, or None. folder: of the mesh; notes: receives
+    a remark if the file has another name or is in another folder, and a loss if several files fit equally well."""
     from urllib.parse import unquote
 
     if is_remote(name):
@@ -176,7 +178,8 @@ def _spellings(name):
 
 
 def in_encoding(name: str, encoding: str | None) -> str:
-    """Decode a name that holds bytes as Latin-1, a byte a character. The name stays if encoding is None or cannot decode it."""
+    """Return a file name decoded by an encoding. name: its bytes as Latin-1, a byte a character; it is returned unchanged if
+    encoding is None or cannot decode it."""
     try:
         return name.encode("latin-1").decode(encoding) if encoding and not name.isascii() else name
     except UnicodeError:
@@ -184,8 +187,8 @@ def in_encoding(name: str, encoding: str | None) -> str:
 
 
 def readings(name: str) -> list[str]:
-    """The bytes of a name decoded by other encodings, [] for ASCII. A name that is not UTF-8 holds bytes as Latin-1, a byte a
-    character, or is as the system gives it."""
+    """Return the names that a mesh may mean: the bytes of its name decoded by other encodings, [] for ASCII. A name that is not
+    UTF-8 holds bytes as Latin-1, a byte a character, or is as the system gives it."""
     if name.isascii():
         return []
     out: dict[str, None] = {}

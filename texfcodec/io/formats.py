@@ -40,7 +40,7 @@ SUFFIXES = tuple(entry.suffix for entry in FORMATS)
 
 
 def format_of(suffix: str) -> Format | None:
-    """Format of a suffix such as ".obj", or None."""
+    """Return the Format that a suffix such as ".obj" stands for, or None if no reader knows it."""
     return next((entry for entry in FORMATS if entry.suffix == suffix), None)
 
 

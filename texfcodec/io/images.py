@@ -38,10 +38,10 @@ class TextureShelf:
 
     def put(self, key: Hashable, fetch: Callable[[], Any], name: str, wrap: tuple[int, int],
             channel: str = BASE_COLOUR.name, nearest: bool = False) -> int:
-        """Index of the texture, or -1, with a note, if its image is missing or broken.
+        """Add a texture, decoding its image once, and return its index; -1, with a note, if the image is missing or broken.
 
-        key: hashable identity of the image; fetch: () -> its bytes, or InputError; wrap: (s, t); channel: name of the channel
-        that the image gives; nearest: as in Texture.
+        key: hashable identity of the image; fetch: () -> its bytes, or InputError; name: in messages; wrap: (s, t); channel: name
+        of the channel that the image gives; nearest: as in Texture.
         """
         if key not in self._images:
             self._images[key] = self._decode(fetch, name, BY_NAME[channel].srgb)
@@ -67,7 +67,8 @@ class TextureShelf:
 
 
 def read_image(data: Any, name: str, notes: Notes, is_colour: bool = True) -> np.ndarray:
-    """Bytes of an image file, or a PIL image -> uint8 [H, W, 4] RGBA, row 0 at the top. is_colour: whether it holds colours.
+    """Decode an image to uint8 [H, W, 4] RGBA, row 0 at the top. data: bytes of its file, or a PIL image; name: in messages;
+    is_colour: whether it holds colours.
 
     16-bit samples keep their high byte, and the EXIF orientation is applied, as in browsers, both with a remark. Colour profiles
     are ignored, as glTF requires.
@@ -195,7 +196,8 @@ def check_image_format(name: str, quality: int | None) -> None:
 
 
 def format_for(image: np.ndarray, wanted: ImageFormat) -> tuple[ImageFormat, tuple[str, ...]]:
-    """(format to write an image, uint8 [H, W, 3 or 4], warnings): PNG if the wanted format cannot hold it."""
+    """Return the format to write an image in, and warnings: the wanted format, or PNG if that cannot hold the image. image: uint8
+    [H, W, 3 or 4]."""
     if wanted.name == "jpeg" and image.shape[2] == 4:
         return IMAGE_FORMATS["png"], ("JPEG has no alpha: images with alpha are written as PNG",)
     if wanted.name == "ktx2" and (image.shape[0] % 4 or image.shape[1] % 4):
@@ -205,8 +207,8 @@ def format_for(image: np.ndarray, wanted: ImageFormat) -> tuple[ImageFormat, tup
 
 
 def encode_image(image: np.ndarray, form: ImageFormat, quality: int | None = None, srgb: bool = True) -> bytes:
-    """Bytes of an image file. image: uint8 [H, W, 3 or 4]; form: by format_for(); quality: 1..100, or None for the format's own;
-    srgb: whether the image holds colours, which KTX2 stores."""
+    """Return an image as the bytes of a file. image: uint8 [H, W, 3 or 4]; form: of format_for(); quality: 1..100, or None for
+    the format's own; srgb: whether the image holds colours, which KTX2 stores."""
     quality = form.quality if quality is None else quality
     if form.name == "ktx2" and quality is not None:
         return write_ktx2(image, quality, srgb)
@@ -220,7 +222,8 @@ def encode_image(image: np.ndarray, form: ImageFormat, quality: int | None = Non
 
 
 def encode_jpeg(image: np.ndarray, **settings: Any) -> bytes:
-    """Bytes of a JPEG, optimised and progressive if Pillow's buffer suffices. settings: keywords of Pillow's save().
+    """Return an image, uint8 [H, W, 3], as the bytes of a JPEG, optimised and progressive if Pillow's buffer suffices. settings:
+    keywords of Pillow's save().
 
     The buffer has two bytes a texel from quality 95, else one byte; Pillow fails if noise needs more."""
     from PIL import Image

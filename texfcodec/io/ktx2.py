@@ -26,8 +26,8 @@ _BLOCK_BYTES = 16  # of UASTC, 4 x 4 pixels
 
 
 def read_ktx2(data: bytes | memoryview, name: str, notes: Notes, is_colour: bool = True) -> np.ndarray:
-    """Bytes of a .ktx2 file -> uint8 [H, W, 4] RGBA of its largest level, row 0 at the top. is_colour: whether its values should
-    be sRGB-coded; a file marked otherwise gets a warning.
+    """Decode the bytes of a .ktx2 file to uint8 [H, W, 4] RGBA of its largest level, row 0 at the top. is_colour: whether its
+    values should be sRGB-coded; a file marked otherwise gets a warning.
 
     Errors: InputError TXF-I17 broken, or no Basis Universal data; SupportError TXF-I32 the package is missing;
     LimitError TXF-I40 more pixels than notes allow.
@@ -77,7 +77,8 @@ def _check_header(data, name, notes):
 
 
 def write_ktx2(image: np.ndarray, quality: int, srgb: bool) -> bytes:
-    """uint8 [H, W, 3 or 4] -> bytes of a .ktx2 file: ETC1S with all mip levels, which GPUs cannot compute from compressed blocks.
+    """Encode an image, uint8 [H, W, 3 or 4], as the bytes of a .ktx2 file: ETC1S with all mip levels, which GPUs cannot compute
+    from compressed blocks.
 
     quality: 1..100; srgb: whether it holds colours. Errors: SupportError TXF-O15 the package is missing.
     """

@@ -25,8 +25,8 @@ _NAMED = 3  # materials in a name
 
 
 def lost_effects(texf: Texf, held: frozenset[str]) -> list[str]:
-    """Names of the effects that a stream's faces show and a format cannot hold, such as "clearcoat of material 'door'". held:
-    effects that the format can hold, IN_MTL or IN_COLOURS."""
+    """Return the names of the effects that a stream's faces show and a format cannot hold, such as "clearcoat of material
+    'door'". held: effects that the format can hold, IN_MTL or IN_COLOURS."""
     shown = [texf.materials[number] for number in np.unique(texf.face_material).tolist()]
     names = []
     for words, needs in _KINDS:

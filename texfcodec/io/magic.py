@@ -51,7 +51,7 @@ _BYTE_ORDER_MARKS = (
 
 
 def what_it_is(data: bytes) -> str:
-    """Name of the file type that the bytes look like, "" if none is recognised."""
+    """Return what kind of file the bytes look like, in words for a message, "" if no kind is recognised."""
     head = bytes(data[:64])
     for offset, start, words in _KINDS:
         if head[offset : offset + len(start)] == start:
@@ -93,7 +93,7 @@ def _first_text(data):
 
 
 def check_start(data: bytes, entry: Format) -> None:
-    """Raises InputError TXF-I06 if the first bytes do not fit the Format."""
+    """Raise InputError TXF-I06 if the first bytes of a file do not fit its Format. entry: the Format of its suffix."""
     seen = what_it_is(data)
     expected = data[: len(entry.starts[0])] in entry.starts if entry.starts else not _belongs_elsewhere(seen, entry)
     if not expected:
@@ -108,7 +108,8 @@ def _belongs_elsewhere(seen, entry):
 
 
 def as_utf8(data: bytes) -> bytes:
-    """Text with a byte order mark -> the same text as UTF-8 without a mark; other bytes stay. Raises InputError TXF-I06."""
+    """Return text that has a byte order mark as UTF-8 without the mark, and other bytes unchanged. Raises InputError TXF-I06 if
+    the text cannot be decoded."""
     for mark, encoding in _BYTE_ORDER_MARKS:
         if bytes(data[: len(mark)]) == mark:
             try:

@@ -67,7 +67,7 @@ class ObjMaterial:
 
 
 def read_mtl(data: bytes, notes: Notes) -> dict[str, ObjMaterial]:
-    """Bytes of an .mtl file -> {name: ObjMaterial}. Raises InputError TXF-I20 with the line."""
+    """Parse the bytes of an .mtl file: {name: ObjMaterial}. Raises InputError TXF-I20 with the line."""
     library: dict[str, ObjMaterial] = {}
     current, coding = None, _coding_of(data := as_utf8(data))
     head = data[:_HEAD].decode("latin-1")
@@ -239,7 +239,7 @@ def _finish(material, notes):
 
 
 def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> Material:
-    """ObjMaterial -> Material. Its textures go to the shelf. folder: folder of the images."""
+    """Return the Material of an MTL entry, whose textures go to the shelf. folder: folder of the images."""
     texture, name = -1, material.texture
     joined = with_alpha(name, material.statements, folder, shelf.notes)
     if joined:
@@ -254,8 +254,8 @@ def scene_material(material: ObjMaterial, folder: Path, shelf: TextureShelf) -> 
 
 
 def write_mtl(texf: Texf, mesh: Textured, image_names: list[str]) -> tuple[list[bytes], list[str]]:
-    """(pieces of the MTL file, an entry for each material and image; warnings on images that OBJ shows otherwise than the
-    stream). image_names: file names of mesh.textures."""
+    """Return (the MTL file as pieces of bytes, an entry for each of mesh.materials; warnings on images that OBJ shows otherwise
+    than the stream). image_names: file names of mesh.textures."""
     written, lines = [_write_map(mesh, n, name) for n, name in enumerate(image_names)], ["# texfcodec"]
     maps = [text for text, _ in written]
     for name, saved, images in zip(material_names(texf, mesh), mesh.materials.rows, mesh.images, strict=True):
@@ -286,7 +286,8 @@ def _write_map(mesh, number, name):
 
 
 def material_names(texf: Texf, mesh: Textured) -> list[str]:
-    """A distinct name without blanks for each of mesh.materials."""
+    """Return a distinct name without blanks for each of mesh.materials.rows: the material's number and its name in the stream,
+    and more numbers where these are not distinct."""
     shared = np.bincount([saved.number for saved in mesh.materials.rows], minlength=len(texf.materials)) > 1
     names = ["_".join(material.name.split()) or "material" for material in texf.materials]
     distinct: list[str] = []

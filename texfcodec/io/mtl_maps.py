@@ -39,7 +39,7 @@ class MtlMap:
     options: list = field(default_factory=list)
 
     def numbers(self, option: str, usual: tuple[float, ...]) -> tuple[float, ...]:
-        """The values of an option. usual: defaults of absent values."""
+        """Return the values of an option such as "-s", as many as usual has. usual: defaults of absent values."""
         values: list = next((values for name, values in self.options if name == option), [])
         return (*map(float, values[: len(usual)]), *usual)[: len(usual)]
 
@@ -60,7 +60,8 @@ class MtlStatements:
     peak: float = 1.0
 
     def put(self, key: str, options: list, rest: str) -> None:
-        """Store a statement, of STATEMENTS. Raises ValueError if it cannot be read."""
+        """Store a statement: an image or up to three numbers. key: one of STATEMENTS; options: as of MtlMap; rest: the text
+        behind them. Raises ValueError if it cannot be read."""
         lower = key.lower()
         if lower in _CHANNEL_OF:
             if not rest:
@@ -86,8 +87,9 @@ class MtlStatements:
 
 
 def complete(material: Material, statements: MtlStatements, place: tuple, folder: Path, shelf: TextureShelf) -> None:
-    """Give a Material the maps and parameters of its entry. place: (scale, offset, wrap) of its faces' UVs; folder: folder of the
-    images, which go to the shelf. If a map has another place, its options are named as dropped."""
+    """Add the maps and parameters of an MTL entry to its Material, in place. statements: of the entry; place: (scale, offset,
+    wrap) of its faces' UVs; folder: folder of the images, which go to the shelf. If a map has another place, its options are
+    named as dropped."""
     for channel, mtl_map in statements.maps.items():
         if channel == "alpha" or channel == "bump" and "normal" in statements.maps:
             continue
@@ -138,8 +140,9 @@ def _set_parameters(material, statements):
 
 
 def with_alpha(texture: str | None, statements: MtlStatements, folder: Path, notes: Notes) -> tuple[tuple, Callable] | None:
-    """(key, fetch) for the shelf: the image of map_Kd, texture, with the alpha of map_d. None without map_d, or if both are the
-    same image, which has its own alpha. fetch raises InputError TXF-I16, TXF-I17."""
+    """Return (key, fetch) for TextureShelf.put(): the image of map_Kd with the alpha of map_d. None without map_d, or if both are
+    the same image, which has its own alpha. texture: file name of map_Kd, or None; folder: of the images. fetch raises InputError
+    TXF-I16, TXF-I17."""
     opacity = statements.maps.get("alpha")
     if opacity is None or opacity.name == texture:
         return None
@@ -167,15 +170,16 @@ def _alpha_of(image):
 
 
 def alpha_mode_with(statements: MtlStatements, image: np.ndarray | None, by_factor: int) -> int:
-    """Alpha mode of a material. image: of its base colour, uint8 [H, W, 4], or None; by_factor: the mode by `d` alone."""
+    """Return the alpha mode of a material: it blends if its image has alpha from map_d. image: of its base colour, uint8 [H, W,
+    4], or None; by_factor: the mode by `d` alone, which is returned otherwise."""
     if "alpha" in statements.maps and image is not None and (image[..., 3] < 255).any():
         return ALPHA_BLEND
     return by_factor
 
 
 def number_lines(material: Material) -> list[str]:
-    """Lines Kd, d, Ke, Pr and Pm of a decoded Material. Emission above 1 is divided by its peak before sRGB coding, which clips,
-    and multiplied after it."""
+    """Return the MTL lines Kd, d, Ke, Pr and Pm of a decoded Material. Emission above 1 is divided by its peak before sRGB
+    coding, which clips, and multiplied after it."""
     lines = [f"Kd {_text(linear_to_srgb(material.factor[:3]))}", f"d {material.factor[3]:.6g}"]
     if material.unlit:
         return lines
@@ -190,7 +194,8 @@ def number_lines(material: Material) -> list[str]:
 
 
 def map_lines(material: Material, channel: str, target: str) -> list[str]:
-    """Statements of the image of a channel other than base colour. target: text behind each statement."""
+    """Return the MTL lines that name the image of a channel other than base colour. target: the image's file name, behind -clamp
+    if needed."""
     scale = material.parameters.get("normal_scale", (1.0,))[0]
     option = f"-bm {scale:.6g} " if channel == "normal" and scale != 1 else ""
     return [f"{statement} {option}{target}" for statement in MAP_STATEMENTS[channel]]

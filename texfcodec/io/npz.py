@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 
 
 def arrays(texf: Texf, appearance: str) -> dict[str, Any]:
-    """The arrays of an NPZ file by name. texf: decoded stream (Texf); appearance: as in save().
+    """Return the arrays of an NPZ file by name. texf: decoded stream (Texf); appearance: as in save().
 
-    Always: origin float64 [3], side, position_bits, resolution (the largest K, 1 without voxels); materials, metadata, fields as
+    Always: origin float64 [3], side, position_bits, resolution (voxels along the side in
+    the finest field, 1 without voxels); materials, metadata, fields as
     JSON text.
     "vertex": positions float64 [U, 3], faces int64 [F, 3], vertex_material int64 [U], rgba uint8 [U, 4].
     "voxels" and "texture": voxel_xyz int32 [N, 3], voxel_field int32 [N], voxel_rgba uint8 [N, 4] of all fields over voxels.
@@ -26,8 +27,8 @@ def arrays(texf: Texf, appearance: str) -> dict[str, Any]:
     "texture": lattice_positions int64 [V, 3], faces int64 [F, 3], face_material, face_field int64 [F].
     "texture", if a field is over texels: uv float64 [V, 2], in texels of the full image of the field, whose width and height are
     in fields; 0 for fields over voxels. For each field over texels, number n: field<n>_xy int32 [N, 2], column and row of the
-    texels at hand; field<n>_rgba uint8 [N, 4]; field<n>_image uint8 [H, W, 3 or 4], their image with its gaps filled. A texel at
-    hand is 2**level_shift full texels wide; level_shift is in fields.
+    decoded texels; field<n>_rgba uint8 [N, 4]; field<n>_image uint8 [H, W, 3 or 4], their image with its gaps filled. A decoded
+    texel is 2**level_shift full texels wide; level_shift is in fields.
     "texture", for each further channel c of a field: field<n>_<c> uint8 [M, C], and field<n>_<c>_at int32 [M, 2 or 3], the places
     of its values. corner_normal float32 [F, 3, 3]: shading normals, if a material is lit.
     """
@@ -64,7 +65,7 @@ def _surface(texf):
 
 
 def lost_maps(texf: Texf, appearance: str) -> list[str]:
-    """Names of the maps and shading normals that arrays() leaves out; none for appearance "texture"."""
+    """Return the names of the maps and shading normals that arrays() leaves out; none for appearance "texture"."""
     if appearance == "texture":
         return []
     names = {name for part in texf.fields for name in part.planes} - {BASE_COLOUR.name, ALPHA.name}

@@ -60,7 +60,8 @@ class _Statements:
 
 
 def read_obj(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """Bytes of an .obj file -> Scene. folder: of its libraries and textures. Raises InputError TXF-I20 with the line."""
+    """Read the bytes of an .obj file as a Scene. folder: of its libraries and textures. Raises InputError TXF-I20 with the
+    line."""
     rows = _sort(data, notes)
     if not rows.f:
         raise no_triangles(_beside_faces(rows))
@@ -356,8 +357,8 @@ def _plain(name):
 
 
 def write_obj_textured(texf: Texf, mesh: Textured, mtl_name: str) -> Iterator[bytes]:
-    """Pieces of an OBJ file with shading normals, and texture coordinates, v upwards, if there are images. mtl_name: file name of
-    the library."""
+    """Yield the pieces of an OBJ file with shading normals, and texture coordinates, v upwards, if there are images. mesh: the
+    decoded stream's mesh with images; mtl_name: file name of the library."""
     yield f"# texfcodec\nmtllib {mtl_name}\n".encode()
     yield _write_rows(f"v {_number(texf)} {_number(texf)} {_number(texf)}\n", texf.positions)
     place = None
@@ -374,7 +375,8 @@ def write_obj_textured(texf: Texf, mesh: Textured, mtl_name: str) -> Iterator[by
 
 
 def write_obj_coloured(texf: Texf) -> Iterator[bytes]:
-    """Pieces of an OBJ file with colours after the coordinates (sRGB, 0..1), as most tools read them, and shading normals."""
+    """Yield the pieces of an OBJ file with colours at vertices, after the coordinates (sRGB, 0..1), as most tools read them, and
+    shading normals."""
     vertex, index, _, rgba = vertex_colours(texf, with_material=False)
     yield b"# texfcodec\n"
     yield _write_rows(_coloured_line(texf), np.hstack([texf.positions[vertex], rgba[:, :3] / 255.0]))
@@ -401,7 +403,7 @@ def _face_rows(chosen, vertex, uv, normal):
 
 
 def write_obj_points(texf: Texf) -> Iterator[bytes]:
-    """Pieces of an OBJ file with the voxel centres as points."""
+    """Yield the pieces of an OBJ file with the voxel centres of a decoded stream as points."""
     voxels = texf.voxels()
     yield b"# texfcodec\n"
     yield _write_rows(_coloured_line(texf), np.hstack([voxels["center"], voxels["rgba"][:, :3] / 255.0]))

@@ -21,7 +21,8 @@ _WHAT = "colours of vertices"
 
 
 def vertex_colours_of(vertices: np.ndarray, comments: list[tuple[int, bytes]], notes: Notes) -> np.ndarray | None:
-    """float32 linear RGBA [V, 4], white for vertices without a colour; None if no vertex has any.
+    """Return the colours of an OBJ's vertices, float32 linear RGBA [V, 4], white for vertices without a colour; None if no vertex
+    has any.
 
     vertices: float64 [V, columns] of the v statements, NaN where a row is shorter; comments: (v statements before it, text) of
     each comment that holds colours, in file order.

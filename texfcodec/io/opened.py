@@ -20,7 +20,7 @@ def recording() -> Iterator[dict[str, int]]:
 
 
 def opened(path: Path) -> None:
-    """Record a file; every reader calls this for every file that it opens."""
+    """Record the path and size of an input file in recording(); every reader calls this for every file that it opens."""
     files = _OPENED.get()
     if files is not None and str(path) not in files:
         try:

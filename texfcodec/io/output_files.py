@@ -16,7 +16,7 @@ from .own_files import own_sides
 
 
 def check_target(path: Path, inputs: Iterable[str | PathLike] = ()) -> None:
-    """Refuse an output path before minutes of baking.
+    """Check that an output path can be written, before minutes of work are lost.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def write_all(folder: Path, files: list[tuple[str, Any]], inputs: Iterable[str |
 
 
 def as_input_error(error: OSError, path: Path) -> InputError:
-    """Translate an error of the operating system.
+    """Return the InputError for an error of the operating system.
 
     Parameters
     ----------

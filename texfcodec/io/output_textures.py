@@ -44,8 +44,9 @@ class Textured:
 
 
 def textured(texf: Texf, materials: SavedMaterials, texture_size: int | None = None, atlas: str = "auto") -> Textured:
-    """Images and UVs of a decoded stream (Texf). materials: of saved_materials_of(); texture_size, atlas: as in bake(), for
-    fields over voxels. Images of the atlas come first. UVs of faces without an image are 0. Raises InputError TXF-O10..O12."""
+    """Make the images and UVs of a decoded stream (Texf). materials: of saved_materials_of(); texture_size, atlas: as in bake(),
+    for fields over voxels. Images of the atlas come first. UVs of faces without an image are 0. Raises InputError
+    TXF-O10..O12."""
     check_arguments(texture_size, atlas)
     normal = None
     corner_uv, warnings, of_skin = np.zeros((len(texf.faces), 3, 2)), [], []

@@ -9,7 +9,7 @@ _MOST = 1 << 26  # bytes of a .gltf or .mtl that are read
 
 
 def own_sides(path: Path) -> frozenset[str]:
-    """Names of the side files of an OBJ or .gltf that we wrote at path; empty if path does not exist or is not ours."""
+    """Return the names of the side files of an OBJ or .gltf that texfcodec wrote at path; none if it wrote no such file there."""
     try:
         names = list({".obj": _of_obj, ".gltf": _of_gltf}.get(path.suffix.lower(), _none)(path))
     except (OSError, ValueError, LookupError, AttributeError, TypeError, RecursionError):  # no such file, or not as ours are

@@ -37,12 +37,15 @@ class Notes:
         self._remarks: dict[str, None] = {}
 
     def remark(self, sentence: str) -> None:
+        """Record a sentence on something that changes no picture."""
         self._remarks[sentence] = None
 
     def warn(self, sentence: str) -> None:
+        """Record a sentence on something that will look different."""
         self._warnings[sentence] = None
 
     def drop(self, name: str) -> None:
+        """Record the name of something in the file that is not carried into the stream."""
         self._dropped[name] = None
 
     def lose(self, name: str, sentence: str) -> None:
@@ -51,18 +54,19 @@ class Notes:
         self.warn(sentence)
 
     def fault(self, code: str, message: str, name: str, **details: object) -> None:
-        """Report a fault that the reader can repair: InputError if strict, else a warning and a loss of this name."""
+        """Report a fault that the reader can repair: raise InputError of this code if strict, else record the message as a
+        warning and the name as dropped. details: values for the error's report."""
         if self.strict:
             raise InputError(code, message, **details)
         self.lose(name, f"{message} ({code})")
 
     def check_pixels(self, count: int, name: str) -> None:
-        """Raises LimitError TXF-I40 if an image has more pixels than allowed; called before decoding. name: of the image."""
+        """Raise LimitError TXF-I40 if an image has more pixels than limits allow. count: width * height; name: of the image."""
         if self.limits.image_pixels is not None and count > self.limits.image_pixels:
             raise self.too_many_pixels(count, name)
 
     def too_many_pixels(self, count: int | None, name: str) -> LimitError:
-        """The error for an image with too many pixels. count: None if unknown."""
+        """Return the error for an image with too many pixels. count: width * height, None if unknown; name: of the image."""
         return LimitError("TXF-I40", f"image '{name}' has more pixels than the limit allows", value=count,
                           allowed=self.limits.image_pixels)
 
@@ -104,7 +108,8 @@ class Part:
 
 
 def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:
-    """Name alpha below 1 in colours as dropped, for formats that define no transparency."""
+    """Record in notes that alpha is dropped if any is below 1, for formats that define no transparency. color: [..., 4] or
+    None."""
     if color is not None and (color[..., 3] < 1).any():
         notes.drop("alpha of the colours (the format does not define transparency)")
 
@@ -115,7 +120,8 @@ def alpha_mode_of(factor: np.ndarray) -> int:
 
 
 def linear_rgba(coded: np.ndarray) -> np.ndarray:
-    """[..., 1..4] sRGB-coded colour in [0, 1] (grey, grey + alpha, RGB, RGBA) -> float32 [..., 4] linear, alpha as it is."""
+    """Return colours as linear RGBA, float32 [..., 4], alpha unchanged, 1 if absent. coded: [..., 1..4], sRGB-coded in [0, 1]:
+    grey, grey + alpha, RGB or RGBA."""
     coded = np.asarray(coded)
     out = np.ones(coded.shape[:-1] + (4,), np.float32)
     channels = coded.shape[-1]

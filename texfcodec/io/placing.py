@@ -21,7 +21,7 @@ _AXES = {
 
 @dataclass(frozen=True)
 class Placing:
-    """up: the file's axis that points up, "X", "Y" or "Z"; metres: length of the file's unit."""
+    """Axes and unit of a file. up: the axis that points up, "X", "Y" or "Z"; metres: length of the file's unit."""
 
     up: str = "Y"
     metres: float = 1.0
@@ -35,8 +35,8 @@ class Placing:
 
 
 def placing_of(up: str, metres: float | None, where: str, notes: Notes) -> Placing:
-    """Placing of a file, with a remark if it changes positions. up: an unknown axis counts as "Y"; metres: length of the unit,
-    None for 1; where: the file's name in remarks, such as "the COLLADA file"."""
+    """Return the Placing of a file, and remark on it if it changes positions. up: an unknown axis counts as "Y"; metres: length
+    of the unit, None for 1; where: the file's name in remarks, such as "the COLLADA file"."""
     if metres is not None and not (math.isfinite(metres) and metres > 0):
         notes.remark(f"the unit of {where} is not a length; a metre is used")
         metres = None

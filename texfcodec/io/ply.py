@@ -50,7 +50,7 @@ _WRITTEN = ("red", "green", "blue", "alpha")
 
 
 def read_ply(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """Bytes of a .ply file -> Scene. folder: of its textures. Raises InputError TXF-I21."""
+    """Read the bytes of a .ply file as a Scene. folder: of its textures. Raises InputError TXF-I21."""
     header, tables = read_tables(data)
     vertex, face = tables.get("vertex", {}), tables.get("face", tables.get("faces", {}))
     if any(axis not in vertex or isinstance(vertex[axis], tuple) for axis in "xyz"):
@@ -249,8 +249,9 @@ def _drop_rest(vertex, face, parts, header, notes):
 
 
 def write_ply_surface(texf: Texf) -> tuple[list, list[str]]:
-    """(pieces of a PLY file, names of losses): the mesh with vertex colours, 8-bit sRGB, alpha only if the stream has any.
-    Normals are written if no vertex has several, because splitting vertices would tear the surface."""
+    """Return (a PLY file as pieces of bytes, names of what it loses) of a decoded stream: the mesh with vertex colours, 8-bit
+    sRGB, alpha only if the stream has any. Normals are written if no vertex has several, because splitting vertices would tear
+    the surface."""
     vertex, index, _, rgba = vertex_colours(texf, with_material=False)
     faces = np.empty(len(index), np.dtype([("n", "u1"), ("v", "<i4", 3)]))
     faces["n"], faces["v"] = 3, index
@@ -264,7 +265,7 @@ def write_ply_surface(texf: Texf) -> tuple[list, list[str]]:
 
 
 def write_ply_points(texf: Texf) -> list:
-    """Pieces of a PLY file with voxel centres and their colours."""
+    """Return a PLY file with a decoded stream's voxel centres and their colours, as pieces of bytes."""
     voxels = texf.voxels()
     vertices, lines = _write_vertices(texf, voxels["center"], voxels["rgba"])
     return [_write_header(lines), vertices.data]

@@ -15,9 +15,9 @@ _JUMP = 8.0  # times the usual edge of a range grid; a longer one joins what the
 
 
 def strip_triangles(values: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """Vertex indices of strips, row after row -> triangles int64 [F, 3]. A negative index, or the largest of an unsigned type,
-    ends a strip and begins another. Every second triangle of a strip is reversed; triangles that use a vertex twice are left
-    out."""
+    """Return the triangles int64 [F, 3] of triangle strips. values: their vertex indices, strip after strip; lengths: number of
+    indices in each of the file's lists. A negative index, or the largest of an unsigned type, ends a strip and begins another.
+    Every second triangle of a strip is reversed; triangles that use a vertex twice are left out."""
     indices = _restarts_negative(np.asarray(values))
     starts = np.zeros(len(indices) + 1, bool)
     starts[np.cumsum(lengths) - lengths] = True
@@ -41,11 +41,11 @@ def _restarts_negative(values):
 
 
 def grid_triangles(points: np.ndarray, indices: np.ndarray, lengths: np.ndarray, comments: list[str], notes: Notes) -> np.ndarray:
-    """A range grid -> triangles int64 [F, 3]: up to two between four neighbours, facing the scanner along +z.
+    """Return the triangles int64 [F, 3] of a range grid: up to two between four neighbours, facing the scanner along +z.
 
-    indices, lengths: values and lengths of its lists, which hold a vertex or nothing; comments: obj_info of the header, which
-    gives the numbers of columns and rows. Triangles with edges far longer than the median are jumps in depth and are left out,
-    with a remark.
+    points: [V, 3]; indices, lengths: values and lengths of its lists, which hold a vertex or nothing; comments: obj_info of the
+    header, which gives the numbers of columns and rows. Triangles with edges far longer than the median are jumps in depth and
+    are left out, with a remark.
     """
     info = {words[0]: int(words[1]) for text in comments if len(words := text.split()) == 2 and words[1].isdigit()}
     width, height = info.get("num_cols", 0), info.get("num_rows", 0)

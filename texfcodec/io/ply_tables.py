@@ -31,7 +31,8 @@ class _Element:
 
 @dataclass
 class PlyHeader:
-    """form: one of _ORDERS; textures: names of TextureFile comments; comments: the others, obj_info among them; size: bytes."""
+    """Header of a PLY file. form: one of _ORDERS; textures: names of TextureFile comments; comments: the others, obj_info among
+    them; size: bytes."""
 
     form: str
     elements: list
@@ -41,13 +42,13 @@ class PlyHeader:
 
 
 def malformed(what: str, **details: object) -> InputError:
-    """The error for a PLY file that does not follow its format."""
+    """Return the error for a PLY file that does not follow its format. what: the message; details: values beside it."""
     return InputError("TXF-I21", f"the PLY file is malformed: {what}", **details)
 
 
 def read_tables(data: bytes) -> tuple[PlyHeader, dict[str, dict]]:
-    """Bytes of a .ply file -> (header, {element: {property: array [n], or for lists (values [sum], lengths [n])}}). Names are in
-    lower case. Raises InputError TXF-I21."""
+    """Parse the bytes of a .ply file: (header, {element: {property: array [n], or for lists (values [sum], lengths [n])}}). Names
+    are in lower case. Raises InputError TXF-I21."""
     header = _read_header(data)
     return header, _read_elements(data, header)
 
@@ -201,7 +202,7 @@ def _stored(values, kind):
 
 
 def indices_of(values: np.ndarray) -> np.ndarray:
-    """Vertex indices as int64; invalid numbers become -1, which assemble() refuses."""
+    """Return a file's vertex indices, of any type, as int64; invalid numbers become -1, which assemble() refuses."""
     if values.dtype.kind != "f":
         return values.astype(np.int64)
     return np.where(np.isfinite(values) & (np.abs(values) < 2**53), values, -1).astype(np.int64)

@@ -29,12 +29,12 @@ def parse_numbers(text: bytes, dtype: type) -> np.ndarray | None:
 
 
 def counting(sizes: np.ndarray) -> np.ndarray:
-    """[2, 3] -> [0, 1, 0, 1, 2]"""
+    """Return 0..size-1 for each of sizes, one after another: [2, 3] -> [0, 1, 0, 1, 2]."""
     return np.arange(int(sizes.sum())) - np.repeat(np.cumsum(sizes) - sizes, sizes)
 
 
 def triangulate(points: np.ndarray, corners: np.ndarray, sizes: np.ndarray, notes: Notes) -> tuple[np.ndarray, np.ndarray]:
-    """Polygons in space -> (int64 [F, 3] corner numbers, int64 [F] polygon of each triangle), polygon by polygon.
+    """Cut polygons in space into triangles: (int64 [F, 3] corner numbers, int64 [F] polygon of each triangle), in order.
 
     points: float [V, 3]; corners: int64 [C] point of each corner, one polygon after another; sizes: int64 [P] corners per
     polygon. Corner numbers count through all polygons, so that they also index UVs and colours of corners. Every triangle

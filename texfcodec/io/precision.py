@@ -22,24 +22,25 @@ def float32_is_enough(texf: Texf) -> bool:
 
 
 def spacing(texf: Texf) -> float:
-    """Distance of neighbouring lattice points in world units; 0 for a mesh without extent."""
+    """Return the distance between neighbouring points of the position lattice in world units; 0 for a mesh without extent."""
     return float(texf.side) / ((1 << texf.position_bits) - 1)
 
 
 def reach(texf: Texf) -> float:
-    """Largest absolute coordinate."""
+    """Return the largest absolute world coordinate of a decoded mesh's vertices."""
     return float(np.abs(texf.positions).max(initial=0.0))
 
 
 def decimal_digits(texf: Texf) -> int:
-    """Significant decimal digits for the same precision in text formats, 6..17."""
+    """Return how many significant decimal digits a text format needs to hold world coordinates to a quarter of the lattice
+    spacing, 6..17."""
     if not spacing(texf) > 0 or reach(texf) == 0:
         return 17
     return min(max(math.ceil(math.log10(reach(texf)) - math.log10(spacing(texf))) + 2, 6), 17)
 
 
 def local_frame(texf: Texf, points: np.ndarray) -> tuple[np.ndarray, list[float] | None, float | None]:
-    """Points in a frame that float32 can hold, and the transform of the node that brings them back.
+    """Return points in a frame that float32 can hold, and the transform of the node that brings them back to the world.
 
     points: float64 [N, 3] world. Returns (float32 [N, 3], translation list or None, scale float or None):
     world = translation + scale * point. Most meshes stay in world space. Those far from the origin are relative to the origin

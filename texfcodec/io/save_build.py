@@ -61,11 +61,11 @@ class SaveReport:
                 "seams": self.seams, "carried": self.carried}
 
     def warn(self, texts: Iterable[str]) -> SaveReport:
-        """The report with more warnings. texts: sentences."""
+        """Return the report with more warnings. texts: sentences."""
         return replace(self, warnings=(*self.warnings, *texts))
 
     def drop(self, form: str, names: Iterable[str]) -> SaveReport:
-        """The report with more dropped names, each in a warning too. form: the format, as warnings call it."""
+        """Return the report with more dropped names, which a warning lists. form: the format, as warnings call it."""
         names = tuple(names)
         texts = (f"{form} cannot hold {name}: it is not written" for name in names)
         return replace(self.warn(texts), dropped=(*self.dropped, *names))

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 @dataclass
 class Skin:
-    """Faces with their own images. field: number of their field, which is over texels; None for the atlas that all fields over
-    voxels share. has_base: whether any material needs an image of the base colour; packed: channels of each other image."""
+    """Faces that share a set of images. field: number of their field, which is over texels; None for the atlas that all fields
+    over voxels share. has_base: whether any material needs an image of the base colour; packed: channels of each other image."""
 
     field: int | None
     has_base: bool = False
@@ -33,7 +33,8 @@ class Skin:
 
 @dataclass
 class SavedMaterial:
-    """A material on a skin. material: its factors hold every channel that has a single value on its faces; mapped: names of the
+    """A material as it is saved on one skin. number: of the stream's material; skin: index into SavedMaterials.skins, -1 without
+    faces; material: its factors hold every channel that has a single value on its faces; mapped: names of the
     channels that need an image, base colour among them; colours: of its faces' corners, in order, if they replace an image."""
 
     number: int
@@ -67,8 +68,9 @@ class SavedMaterials:
 
 
 def saved_materials_of(texf: Texf, held: tuple[str, ...] | None = None, at_vertices: bool = False) -> SavedMaterials:
-    """The SavedMaterials of a decoded stream (Texf), before any image is made. held: names of the channels that the format has,
-    each in its own image, or None for glTF; at_vertices: whether colours at vertices may replace an image that shows no more."""
+    """Decide which materials and images a decoded stream (Texf) is saved with; no image is made yet. held: names of the channels
+    that the format has, each in its own image, or None for glTF; at_vertices: whether colours at vertices may replace an image
+    that shows no more."""
     skins, face_skin = skins_of(texf)
     of_face = np.column_stack([texf.face_material, face_skin, _says_nothing(texf)])
     kinds, face_row = np.unique(of_face, axis=0, return_inverse=True)

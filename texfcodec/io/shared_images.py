@@ -28,8 +28,8 @@ _LUT = srgb_to_linear(np.arange(256) / 255.0)
 
 
 def with_shared_images(mesh: Textured, tints: bool) -> Textured:
-    """The Textured with equal images merged. tints: whether images of base colour that are multiples of each other also become a
-    joint image and factors of their materials. The atlas of fields over voxels stays."""
+    """Return the Textured with equal images merged. tints: whether images of base colour that are multiples of each other also
+    become a joint image and factors of their materials. The atlas of fields over voxels is not changed."""
     textures, into = list(mesh.textures), _first_equals(mesh.textures)
     factors: dict[int, np.ndarray] = {}  # by number of the image that is left out, or kept as the joint one
     for group in _tint_groups(mesh, [number for number in _colours_over_texels(mesh) if into[number] == number]) if tints else ():

@@ -61,8 +61,8 @@ def _parsed(data, suffix, notes):
 
 
 def read_stl(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """Bytes of an .stl file -> Scene; equal corners become one vertex. folder: unused, an STL names no file. Raises InputError
-    TXF-I23."""
+    """Read the bytes of an .stl file as a Scene; equal corners become one vertex. folder: unused, an STL names no file. Raises
+    InputError TXF-I23."""
     counted = _START + _FACET * int.from_bytes(data[80:_START], "little")
     is_binary = len(data) == counted or data[:512].lstrip()[:5].lower() != b"solid"
     data, facets = _whole_binary(data, notes) if is_binary else _whole_text(data)
@@ -128,7 +128,7 @@ def _paint(mesh, header, notes):
 
 
 def read_off(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """Bytes of an .off file -> Scene. folder: unused, an OFF names no file. Raises InputError TXF-I23."""
+    """Read the bytes of an .off file as a Scene. folder: unused, an OFF names no file. Raises InputError TXF-I23."""
     text = re.sub(rb"#[^\r\n]*", b"", decode_text(data).encode())
     header = _OFF_HEADER.match(text)
     uv, color, normal, four, many = (bool(mark) for mark in header.groups()) if header else (False,) * 5
@@ -166,7 +166,7 @@ def _check_polygons(rows, notes):
 
 
 def read_3mf(data: bytes, folder: Path, notes: Notes) -> Scene:
-    """Bytes of a .3mf file -> Scene with Y up, in metres. folder: unused, all files are in the archive.
+    """Read the bytes of a .3mf file as a Scene with Y up, in metres. folder: unused, all files are in the archive.
     Errors: TXF-I24, TXF-I19, TXF-I41, SupportError TXF-I35 without lxml and networkx."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:

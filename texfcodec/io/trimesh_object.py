@@ -23,7 +23,7 @@ def is_trimesh(thing: object) -> bool:
 
 
 def read_trimesh(thing: Any, notes: Notes) -> Scene:
-    """trimesh.Trimesh or trimesh.Scene -> Scene. In trimesh v points upwards and colours are sRGB-coded 8-bit values."""
+    """Convert a trimesh.Trimesh or trimesh.Scene to a Scene. In trimesh v points upwards and colours are 8-bit sRGB."""
     shelf, materials, parts = TextureShelf(notes), [], []
     for label, mesh, matrix in _placed(thing, notes):
         materials.append(_material(mesh, shelf, notes, label))
@@ -146,8 +146,8 @@ def _check_arrays(scene):
 
 
 def check_scene(scene: Scene) -> Scene:
-    """The same Scene, after checking that its arrays and materials fit together. Raises InputError TXF-I13, TXF-I14, TXF-I15,
-    TXF-I22."""
+    """Check that the arrays and materials of a Scene fit together, and return the same Scene. Raises InputError TXF-I13, TXF-I14,
+    TXF-I15, TXF-I22."""
     _check_arrays(scene)
     count, points = len(scene.faces), len(scene.positions)
     shapes = {"positions": (points, 3), "faces": (count, 3), "face_material": (count,), "corner_uv": (count, 3, 2),

@@ -30,10 +30,10 @@ def unique_corners(*keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def vertex_colours(texf: Texf, with_material: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Colours at mesh vertices. A vertex is split if fields meet there, or with with_material if materials do.
+    """Return the colours of a decoded stream at its vertices, splitting those where fields or, with_material, materials meet.
 
-    Returns (vertex int64 [U] into texf.positions, index int64 [F, 3] into it, material int64 [U], rgba float32 [U, 4] 0..255
-    sRGB-coded, straight alpha).
+    Returns (vertex int64 [U] into texf.positions, of each split vertex; index int64 [F, 3] of the faces into those; material
+    int64 [U], rgba float32 [U, 4] 0..255 sRGB-coded, straight alpha).
     """
     corner = texf.faces.ravel()
     fields, materials = np.repeat(texf.face_field, 3), np.repeat(texf.face_material, 3)
@@ -47,7 +47,8 @@ def vertex_colours(texf: Texf, with_material: bool) -> tuple[np.ndarray, np.ndar
 
 
 def linear_u16(rgba: np.ndarray) -> np.ndarray:
-    """glTF COLOR_0: sRGB-coded 0..255 (float or uint8 [N, 4]) to linear normalised uint16 [N, 4]; alpha is only rescaled."""
+    """Convert colours to those of glTF's COLOR_0, linear normalised uint16 [N, 4]. rgba: sRGB-coded 0..255, float or uint8;
+    alpha is only rescaled."""
     if rgba.dtype == np.uint8:
         table = linear_u16(np.repeat(np.arange(256, dtype=np.float64)[:, None], 4, 1))
         out = table[:, 0][rgba]

@@ -38,7 +38,8 @@ class VertexColours:
 
 
 def fit_vertex_colours(texf: Texf, faces: np.ndarray) -> VertexColours | None:
-    """Colours at the corners of faces that fit the field between them best; None if an image shows more. texf: decoded stream
+    """Return least-squares colours at the corners of faces, whose interpolation comes closest to the field; None if an image
+    would show more detail. texf: decoded stream
     (Texf); faces: int64 [n]."""
     area = _areas(texf, faces)
     if not len(faces) or not area.sum() > 0:
@@ -56,8 +57,8 @@ def fit_vertex_colours(texf: Texf, faces: np.ndarray) -> VertexColours | None:
 
 
 def psnr_at_vertices(texf: Texf) -> float | None:
-    """dB of RGB between the field of a decoded stream (Texf) and its values at the vertices, blended across faces; None without
-    faces that have area."""
+    """Return the PSNR in dB of RGB between the field of a decoded stream (Texf) and its values at the vertices, blended across
+    faces; None without faces that have area."""
     faces = np.arange(len(texf.faces))
     area = _areas(texf, faces)
     if not len(faces) or not area.sum() > 0:

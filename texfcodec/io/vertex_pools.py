@@ -8,8 +8,9 @@ import numpy as np
 
 
 def used_rows(indices: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """(rows that indices refer to, ascending; indices into those rows), or None if they refer to all `count` rows or if an index
-    is out of range. indices: integers of any shape, which the second array keeps. Time is linear in indices, not in rows."""
+    """Return (numbers of the rows that indices refer to, ascending; indices renumbered to those rows), or None if they refer to
+    all `count` rows or if an index is out of range. indices: integers of any shape, which the second array keeps. Time is linear
+    in indices, not in rows."""
     if not indices.size or indices.min() < 0 or indices.max() >= count:
         return None
     if indices.size < count // 8:
@@ -27,8 +28,8 @@ class VertexPools:
         self._pools: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
 
     def take(self, key: Hashable, positions: np.ndarray, indices: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
-        """(rows of the pool that a mesh uses, or None for all; indices into them). key: of the pool; positions: [V, 3] of all its
-        vertices, as stored; indices: integers of any shape."""
+        """Mark the vertices that a mesh uses and return (their rows of the pool, or None for all; indices into these rows). key:
+        of the pool; positions: [V, 3] of all its vertices, as stored; indices: integers of any shape."""
         if key not in self._pools:
             self._pools[key] = positions, np.zeros(len(positions), bool)
         used = self._pools[key][1]

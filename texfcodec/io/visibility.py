@@ -21,7 +21,7 @@ _COARSE = np.array([[1, 1, 1], [3, 0, 0], [0, 3, 0], [0, 0, 3], [1.5, 1.5, 0], [
 
 
 def vanishes(alphas: list[float]) -> bool:
-    """Return whether some material is invisible and none is opaque, which nobody means. alphas: of a file's materials."""
+    """Return whether some material has alpha 0 and none has alpha 1, which no author means. alphas: of a file's materials."""
     return any(not alpha > 0 for alpha in alphas) and not any(alpha >= 1 for alpha in alphas)
 
 
@@ -41,7 +41,7 @@ def turn_where_all_vanish(materials: list[Material], where: str, notes: Notes) -
 
 
 def name_invisible(scene: Scene, notes: Notes) -> None:
-    """Warn of every used material whose surface is invisible everywhere."""
+    """Record a warning in notes for every material on faces of a scene that is invisible everywhere."""
     used = np.bincount(scene.face_material, minlength=len(scene.materials))
     for number, material in enumerate(scene.materials):
         if used[number] and material.alpha_mode != ALPHA_OPAQUE and not _shows(scene, number):

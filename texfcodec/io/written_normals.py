@@ -14,12 +14,13 @@ _SAME = 1 - 1e-4  # cosine of the angle, 0.8 degrees, within which normals at a 
 
 
 def are_lit(texf: Texf) -> bool:
-    """Return whether any used material is lit, so that normals change the picture."""
+    """Return whether any material on faces of a decoded stream is lit, so that normals change the picture."""
     return any(not texf.materials[number].unlit for number in np.unique(texf.face_material).tolist())
 
 
 def distinct_normals(texf: Texf) -> tuple[np.ndarray, np.ndarray]:
-    """(distinct shading normals of face corners, float64 [N, 3] with four decimals; index int64 [F, 3] into them)."""
+    """Return (the distinct shading normals of face corners, float64 [N, 3] with four decimals; their index at each
+    corner, int64 [F, 3])."""
     steps = np.rint(texf.shading_normals().reshape(-1, 3).astype(np.float64) * _STEPS).astype(np.int64) + _STEPS
     packed = (steps[:, 0] << 40) + (steps[:, 1] << 20) + steps[:, 2]
     kinds, index = np.unique(packed, return_inverse=True)
@@ -28,7 +29,8 @@ def distinct_normals(texf: Texf) -> tuple[np.ndarray, np.ndarray]:
 
 
 def normals_at_vertices(texf: Texf, index: np.ndarray, count: int) -> np.ndarray | None:
-    """Normals of merged vertices, float32 [count, 3]; None if a vertex has several. index: vertex of every corner, int64 [F, 3].
+    """Return the shading normal of each vertex, float32 [count, 3]; None if the corners at a vertex have several. index: vertex
+    of every corner, int64 [F, 3], below count.
     Faces without area are ignored."""
     normal, corner = texf.shading_normals().reshape(-1, 3), index.ravel()
     first = np.zeros((count, 3), np.float32)
@@ -40,6 +42,6 @@ def normals_at_vertices(texf: Texf, index: np.ndarray, count: int) -> np.ndarray
 
 
 def face_areas(texf: Texf) -> np.ndarray:
-    """Twice the area of each face, float64 [F], in units of the lattice."""
+    """Return twice the area of each face of a decoded stream, float64 [F], in squared steps of the position lattice."""
     a, b, c = (texf.lattice_positions[texf.faces[:, k]].astype(np.float64) for k in range(3))
     return np.linalg.norm(np.cross(b - a, c - a), axis=1)

@@ -4,7 +4,7 @@ import numpy as np
 
 
 def angular_error(ref: np.ndarray, got: np.ndarray, weights: np.ndarray | None = None) -> dict:
-    """Angles in degrees between corresponding directions.
+    """Return statistics of the angles between corresponding directions, in degrees.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from .pchip import Pchip
 
 
 def bd_rate(rate_a: ArrayLike, psnr_a: ArrayLike, rate_b: ArrayLike, psnr_b: ArrayLike) -> float:
-    """Mean rate difference of b against the anchor a, in percent; negative if b needs less.
+    """Return the Bjontegaard rate difference of curve b against the anchor a, in percent; negative if b needs less.
 
     Parameters
     ----------
@@ -66,8 +66,8 @@ def _integral(quality, log_rate, low, high):
 
 
 def difference_at(rate_a: ArrayLike, psnr_a: ArrayLike, rate: float, psnr: float) -> float:
-    """Rate difference in percent of one point against the curve a at the point's quality; negative if the point takes fewer
-    bytes.
+    """Return the rate difference in percent of one point against the curve a at the point's quality; negative if the point takes
+    fewer bytes.
 
     Parameters
     ----------

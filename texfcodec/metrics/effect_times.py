@@ -15,7 +15,7 @@ SIZE, RUNS = 512, 3
 
 
 def effect_times(texf: Texf, size: int = SIZE, threads: int = 1) -> dict:
-    """Milliseconds that a picture of a Texf takes with all effects, without light, and without each effect.
+    """Measure how long a picture of a Texf takes with all shading effects, without light, and without each effect.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def effect_times(texf: Texf, size: int = SIZE, threads: int = 1) -> dict:
     -------
     dict
         "size"; "picture_ms": of a shaded picture from the front; "unlit_ms": of the same without light; "without_ms": {effect: of
-        the picture without it}, for effects that a material uses and that are not flags. Each is the fastest of RUNS.
+        the shaded picture without it}, for effects that a material uses and that are not flags. Each is the fastest of RUNS.
     """
     centre, radius = bounding_sphere(texf.positions)
     camera = orthographic(VIEWS["front"], centre, radius, size)

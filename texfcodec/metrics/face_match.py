@@ -29,7 +29,7 @@ FACING_PENALTY = 4 / 500_000**0.5
 
 
 class Places(NamedTuple):
-    """Points of a source on another mesh.
+    """Points on another mesh that correspond to points of a source.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Places(NamedTuple):
 
 
 class FaceMatch:
-    """Finds points of a source on another mesh.
+    """Finds the points on another mesh that correspond to points of a source: on the kept face if there is one, else the nearest.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class FaceMatch:
             self._turn, self._at_source = np.zeros(len(source.faces), np.int64), False
 
     def find(self, face: np.ndarray, bary: np.ndarray) -> Places:
-        """Places of points of the source on the other mesh.
+        """Return the points on the other mesh that correspond to points of the source.
 
         Parameters
         ----------
@@ -93,7 +93,7 @@ class FaceMatch:
         Returns
         -------
         Places
-            M points.
+            M points, in the same order.
         """
         there, weights, points = self._face[face], np.empty_like(bary), np.empty_like(bary)
         kept, lost = np.flatnonzero(there >= 0), np.flatnonzero(there < 0)
@@ -140,7 +140,7 @@ class Sheets:
         self._gap = float(FACING_PENALTY * half * np.sqrt(area))
 
     def find(self, points: np.ndarray, normals: np.ndarray, group: np.ndarray | None = None, threads: int = 1) -> Nearest:
-        """Points of the mesh nearest to given points.
+        """Find the point of the mesh nearest to each given point, on the layer that faces the same way if it is about as near.
 
         Parameters
         ----------
@@ -156,13 +156,13 @@ class Sheets:
         Returns
         -------
         Nearest
-            Face and barycentric coordinates of each.
+            Face and barycentric coordinates of each point, in the same order.
         """
         return self._points.find(points, normals, self._gap, group, threads)
 
 
 def decoded_faces(scene: Scene, texf: Texf) -> tuple[np.ndarray, np.ndarray]:
-    """Faces of a Texf that the faces of its source became.
+    """Find the face of a decoded Texf that each face of its source became.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ ROUNDING = 0.5  # levels of alpha that do not count as a change of side
 
 
 def compare_parts(scene: Scene, texf: Texf, threads: int = 1) -> dict | None:
-    """Errors of texf against its source scene, at points of each part.
+    """Return the colour errors of texf against its source scene, over the whole surface and for each material (a part).
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def _alpha(scene, samples, got):
 
 
 def alpha_mse(reference: np.ndarray, got: np.ndarray, material: np.ndarray, materials: list[Material]) -> float:
-    """Mean squared error of alpha.
+    """Return the mean squared error of alpha at points, as each material uses alpha.
 
     Parameters
     ----------
@@ -104,7 +104,8 @@ def alpha_mse(reference: np.ndarray, got: np.ndarray, material: np.ndarray, mate
     Returns
     -------
     float
-        Under a mask only visibility counts: a point on the wrong side of the cutoff is PEAK off and any other is right.
+        In squared levels of 0..255. Under a mask only visibility counts: a point on the wrong side of the cutoff is PEAK off and
+        any other is right.
     """
     cutoff = np.array([PEAK * m.alpha_cutoff for m in materials])[material]
     masked = np.array([m.alpha_mode == ALPHA_MASK for m in materials], bool)[material]

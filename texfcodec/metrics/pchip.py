@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Pchip:
-    """The curve through points (x, y).
+    """The shape-preserving cubic curve (PCHIP) through points (x, y).
 
     Parameters
     ----------
@@ -36,17 +36,17 @@ class Pchip:
         return (zeroth + t * (first + t * (second + t * third))).reshape(where.shape + self._shape)
 
     def integrate(self, low: float, high: float) -> np.ndarray:
-        """Integral between two points within the range of x.
+        """Integrate the curve between two places within the range of x.
 
         Parameters
         ----------
         low, high : float
-            The ends.
+            Ends of the interval on the x axis.
 
         Returns
         -------
         float64 or float64 [C]
-            [C] if y has columns.
+            The integral; [C] if y has columns.
         """
         begin, end = np.maximum(self._x[:-1], low), np.minimum(self._x[1:], high)
         below, above = (np.where(begin < end, bound, self._x[:-1])[:, None] - self._x[:-1, None] for bound in (begin, end))

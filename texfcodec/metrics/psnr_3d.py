@@ -57,7 +57,8 @@ class SourceSamples:
         self.colour = sample_source(pack_source(scene), self.face, self.bary, threads)
 
     def compare(self, texf: Texf) -> dict:
-        """3D-PSNR of a decoded stream. Errors are weighted by the source's alpha if texf has alpha.
+        """Return the 3D-PSNR of a decoded stream: the PSNR of its colours at these points of the surface. Errors are weighted by
+        the source's alpha if texf has alpha.
 
         Parameters
         ----------
@@ -79,7 +80,7 @@ class SourceSamples:
         return psnr_of(error)
 
     def weights(self, texf: Texf) -> np.ndarray | None:
-        """Visibility of each point in the source.
+        """Return the weight of each point's error: the source's alpha there, 0..1, if texf has alpha.
 
         Parameters
         ----------
@@ -94,7 +95,8 @@ class SourceSamples:
         return self.colour[:, 3] / 255 if texf.has_alpha else None
 
     def answers(self, texf: Texf) -> np.ndarray:
-        """Values of a decoded stream at the points that FaceMatch finds on it.
+        """Return the values of a decoded stream at this object's points, in their order; FaceMatch finds each on the stream's
+        surface.
 
         Parameters
         ----------
@@ -116,7 +118,7 @@ class SourceSamples:
 
 
 def psnr_of(error: ColourError) -> dict:
-    """3D-PSNR of an accumulated error.
+    """Return the 3D-PSNR of an error that was accumulated over surface points.
 
     Parameters
     ----------
@@ -126,7 +128,7 @@ def psnr_of(error: ColourError) -> dict:
     Returns
     -------
     dict
-        "y", "yuv611", "rgb" in dB, None means lossless; "samples".
+        "y", "yuv611", "rgb" in dB, None means lossless; "samples": number of points. yuv611 is (6 Y + U + V) / 8 of the decibels.
 
     Raises
     ------
@@ -140,7 +142,7 @@ def psnr_of(error: ColourError) -> dict:
 
 
 def measure_or_warn(measured: Callable[[], dict], report: Report) -> dict | None:
-    """Result of a measurement, or None with a warning if no point of the source is visible.
+    """Return the result of a measurement, or None with a warning if no point of the source is visible.
 
     Parameters
     ----------
@@ -164,7 +166,7 @@ def measure_or_warn(measured: Callable[[], dict], report: Report) -> dict | None
 
 
 def measure(scene: Scene, texf: Texf, samples: int = SAMPLES, threads: int = 1) -> dict:
-    """3D-PSNR of texf against scene.
+    """Return the 3D-PSNR of texf against scene: the PSNR of colours at points spread evenly over the source's surface.
 
     Parameters
     ----------
@@ -180,7 +182,7 @@ def measure(scene: Scene, texf: Texf, samples: int = SAMPLES, threads: int = 1) 
     Returns
     -------
     dict
-        "y", "yuv611", "rgb" in dB, None means lossless; "samples"; see SourceSamples.compare.
+        "y", "yuv611", "rgb" in dB, None means lossless; "samples"; as of psnr_of().
 
     Raises
     ------

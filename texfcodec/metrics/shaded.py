@@ -32,7 +32,7 @@ BLOCK = 1 << 16  # points asked at a time
 
 def compare_shaded(reference: Scene, other: Scene | Texf, views: int = VIEWS, size: int = SIZE, threads: int = 1,
                    mipmaps: bool = False, on_view: Callable[[int, int], object] | None = None) -> dict:
-    """Errors of other against reference in light.
+    """Compare other with reference in light: pictures of views, and each channel that shading reads.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def compare_shaded(reference: Scene, other: Scene | Texf, views: int = VIEWS, si
 
 
 def compare_channels(reference: Scene, other: Scene | Texf, samples: int = SAMPLES, threads: int = 1) -> dict:
-    """Errors channel by channel, at points of the reference's surface.
+    """Return the errors of other channel by channel, at points of the reference's surface.
 
     Parameters
     ----------
@@ -108,9 +108,10 @@ def compare_channels(reference: Scene, other: Scene | Texf, samples: int = SAMPL
 
 
 class Points:
-    """Corresponding points of both sides.
+    """Corresponding points of the reference, side 0, and the other asset, side 1.
 
-    at: (face int64 [M], bary float64 [M, 3]) of each side; rgba: of each side; material: int64 [M] of the reference; weight:
+    at: (face int64 [M], bary float64 [M, 3]) of each side; rgba: base colour and alpha float32
+    [M, 4] of each side; material: int64 [M] of the reference; weight:
     float64 [M], visibility of each point in the reference.
     """
 
@@ -124,7 +125,8 @@ class Points:
         self.weight = opacity(reference.materials, self.material, self.rgba[0][:, 3]).astype(np.float64)
 
     def rows_of(self, name: str, lights: tuple[Lighting, Lighting]) -> np.ndarray:
-        """Indices of visible points whose material has a map of the channel on either side."""
+        """Return the indices of the visible points whose material has a map of the channel on either side. name: of the channel;
+        lights: Lighting of each side."""
         has = np.zeros(len(self.weight), bool)
         for (face, _), light in zip(self.at, lights, strict=True):
             has |= np.array([name in m.maps for m in light.table.materials], bool)[light.face_material[face]]
@@ -180,7 +182,8 @@ def _degrees(points, lights, name, rows):
 
 
 def normals_at(points: Points, lights: tuple[Lighting, Lighting], side: int, name: str, rows: np.ndarray) -> list[np.ndarray]:
-    """[without, with]: normals float [M, 3] of one side, 0 or 1, without and with the map of a channel, at rows int64 [M]."""
+    """Return shading normals of one side, 0 or 1, without and with its normal map: [without, with], float [M, 3] each. lights: of
+    each side; name: of the map's channel; rows: int64 [M], indices of the points."""
     face, bary = points.at[side]
     pairs = [lights[side].normals(name, face[rows[i : i + BLOCK]], bary[rows[i : i + BLOCK]]) for i in range(0, len(rows), BLOCK)]
     return [np.concatenate(parts) for parts in zip(*pairs, strict=True)]

@@ -220,7 +220,7 @@ def _over(threads, function, items):
 
 
 def ssim_map(a: np.ndarray, b: np.ndarray, threads: int = 1) -> np.ndarray:
-    """SSIM at every pixel and channel.
+    """Compute SSIM at every pixel and channel.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def ssim_map(a: np.ndarray, b: np.ndarray, threads: int = 1) -> np.ndarray:
 
 
 def ssim(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None, threads: int = 1) -> float:
-    """Mean SSIM over channels and pixels.
+    """Compute the mean SSIM over channels and pixels.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def ssim(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None, threads: 
 
 
 def ssim_gradient(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None, threads: int = 1) -> tuple[float, np.ndarray]:
-    """Mean SSIM, and its derivative by every value of b.
+    """Compute the mean SSIM, and its derivative with respect to every value of b.
 
     Parameters
     ----------

@@ -23,14 +23,14 @@ SAMPLES = 100_000
 
 
 class Way(NamedTuple):
-    """Distances from the points of one mesh to the other.
+    """Distances from points of one mesh to the nearest points of another.
 
     Attributes
     ----------
     point, plane : float
-        Mean squared distances, in full and along the source's normal.
+        Mean squared distances (D1, D2): to the nearest point, and of that along the source's normal.
     largest : float
-        The largest distance.
+        The largest distance from these points and the vertices.
     """
 
     point: float
@@ -45,9 +45,9 @@ class SurfaceDistance:
     Attributes
     ----------
     of_mesh, of_source : Way
-        From the mesh's points to the source, and back.
+        From points of the mesh to the source, and from points of the source to the mesh.
     side, diagonal : float
-        Of the source's box.
+        Longest side and diagonal of the source's bounding box.
     """
 
     of_mesh: Way
@@ -97,7 +97,7 @@ class SurfaceDistance:
 
 
 def surface_distance(source: Mesh, mesh: Mesh, samples: int = SAMPLES, seed: int = 0, threads: int = 1) -> SurfaceDistance:
-    """The distance between two meshes that have area.
+    """Measure the distance between two meshes in both directions, at random points of each.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ class ViewSettings:
 def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIEWS, size: int = SIZE, ssim: bool = False,
                   lpips: Callable[[np.ndarray, np.ndarray], float] | None = None, threads: int = 1,
                   on_view: Callable[[int, int], object] | None = None, settings: ViewSettings | None = None) -> dict:
-    """Image metrics of other against reference.
+    """Draw both assets from several directions and return image metrics of other against reference.
 
     Parameters
     ----------
@@ -109,7 +109,8 @@ def compare_views(reference: Scene | Texf, other: Scene | Texf, views: int = VIE
 
     Notes
     -----
-    Rendered values are rounded to 8 bits and PSNR has peak 255; None is lossless. rgb is the PSNR of the mean of the three
+    Rendered values are rounded to 8 bits and PSNR has peak 255; None is lossless. psnr is over pixels that both sides cover, the
+    counted ones; "pixels": their number. rgb is the PSNR of the mean of the three
     errors, yuv that of (6 Y + U + V) / 8 of the mean squared errors (not of the decibels, as psnr_yuv611 is). union_psnr is over
     pixels that either side covers, on white.
     ssim is the mean over all counted pixels and the RGB channels, on white. lpips is the mean over views with a counted pixel, of
@@ -183,7 +184,7 @@ def _figures(seen, views, size):
 
 
 def renderer(side: Scene | Texf, settings: ViewSettings) -> Callable[[Camera], Picture]:
-    """Function that draws a Scene or Texf from a camera, with all back faces culled.
+    """Return the function that draws a Scene or Texf from a camera, with all back faces culled.
 
     Parameters
     ----------
@@ -265,7 +266,7 @@ def _outlines(seen):
 
 
 def mesh_psnr_3d(reference: Scene, mesh: Scene, samples: int = NEAREST_SAMPLES, threads: int = 1) -> dict:
-    """3D-PSNR of a decoded mesh.
+    """Return the 3D-PSNR of a mesh that any codec has decoded, against its reference.
 
     Parameters
     ----------
@@ -321,7 +322,7 @@ class MeshColours:
         self._sheets = Sheets(Mesh(scene.positions, scene.faces))
 
     def query(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Colours at the nearest points.
+        """Return the mesh's colours at its points nearest to given points.
 
         Parameters
         ----------

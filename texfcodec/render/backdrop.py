@@ -27,7 +27,7 @@ POINTS = 4096
 
 
 def rows(background: Background, height: int) -> np.ndarray:
-    """A background as rows of pixels.
+    """Return a background as rows of pixels, a gradient from top to bottom if it has two colours.
 
     Parameters
     ----------

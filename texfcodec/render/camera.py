@@ -67,7 +67,7 @@ class Camera:
 
 
 def orthographic(direction: ArrayLike, centre: ArrayLike, radius: float, size: int | tuple[int, int]) -> Camera:
-    """Orthographic camera that looks from a direction at a centre.
+    """Return an orthographic camera that looks from a direction at a centre.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def orthographic(direction: ArrayLike, centre: ArrayLike, radius: float, size: i
 
 
 def perspective(eye: ArrayLike, target: ArrayLike, fov_degrees: float, size: int | tuple[int, int]) -> Camera:
-    """Perspective camera at a point that looks at another.
+    """Return a perspective camera at a point that looks at another.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def perspective(eye: ArrayLike, target: ArrayLike, fov_degrees: float, size: int
 
 def perspective_around(direction: ArrayLike, centre: ArrayLike, radius: float, fov_degrees: float,
                        size: int | tuple[int, int]) -> Camera:
-    """Perspective camera that sees a whole sphere.
+    """Return a perspective camera that sees a whole sphere.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def perspective_around(direction: ArrayLike, centre: ArrayLike, radius: float, f
 
 
 def framing(direction: ArrayLike, positions: np.ndarray, size: int | tuple[int, int], fov_degrees: float | None = None) -> Camera:
-    """Camera that looks from a direction and sees all points, centred and as large as MARGIN permits.
+    """Return a camera that looks from a direction and sees all points, centred and as large as MARGIN permits.
 
     Parameters
     ----------
@@ -210,7 +210,8 @@ def _seen_whole(along, slopes):
 
 
 def fibonacci_direction(i: int, count: int) -> np.ndarray:
-    """Direction of one of several views that are spread evenly over the sphere, from +y to -y.
+    """Return the direction, from the centre to the camera, of one of several views that are spread evenly over the sphere, from
+    +y to -y.
 
     Parameters
     ----------
@@ -243,7 +244,7 @@ def fibonacci_direction(i: int, count: int) -> np.ndarray:
 
 
 def direction_of_angles(azimuth: float, elevation: float) -> np.ndarray:
-    """Direction of two angles.
+    """Return the direction, from the centre to the camera, that an azimuth and an elevation stand for.
 
     Parameters
     ----------
@@ -262,7 +263,7 @@ def direction_of_angles(azimuth: float, elevation: float) -> np.ndarray:
 
 
 def bounding_sphere(positions: np.ndarray) -> tuple[np.ndarray, float]:
-    """Sphere round the axis-aligned box of points.
+    """Return the sphere round the axis-aligned box of points.
 
     Parameters
     ----------
@@ -286,7 +287,7 @@ def bounding_sphere(positions: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def to_camera(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Points in camera space.
+    """Transform world points to camera space.
 
     Parameters
     ----------
@@ -322,7 +323,7 @@ def _turn(points, eye, axes, scales, out):
 
 
 def to_screen(camera: Camera, seen: np.ndarray) -> np.ndarray:
-    """Screen coordinates of points in camera space.
+    """Project points in camera space to the screen.
 
     Parameters
     ----------
@@ -347,7 +348,7 @@ def to_screen(camera: Camera, seen: np.ndarray) -> np.ndarray:
 
 
 def project(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Screen coordinates of world points.
+    """Project world points to the screen.
 
     Parameters
     ----------

@@ -37,7 +37,8 @@ def see_through(materials: list[Material], face_material: np.ndarray) -> bool:
 
 
 def opacity(materials: list[Material], material: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Opacity by alpha mode: 1 if opaque; for a mask 1 from the cutoff on, 0 below; alpha for a blend.
+    """Return the opacity of points by the alpha mode of their material: 1 if opaque; for a mask 1 from the cutoff on, 0 below;
+    alpha for a blend.
 
     Parameters
     ----------
@@ -61,21 +62,21 @@ def opacity(materials: list[Material], material: np.ndarray, alpha: np.ndarray) 
 
 def composite(triangles: Triangles, shade: Callable[[Fragments], tuple[np.ndarray, np.ndarray]],
               threads: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Colours and alpha of pixels, from layers that are peeled off front to back.
+    """Draw triangles with transparency: peel depth layers off front to back and mix their colours in each pixel.
 
     Parameters
     ----------
     triangles : Triangles
         Of set_up().
     shade : function (Fragments) -> (float32 [M, 3], float32 [M])
-        Colour 0..255 and opacity 0..1.
+        Returns the colours of fragments, 0..255, and their opacity, 0..1.
     threads : int
         Most threads.
 
     Returns
     -------
     pixel : int64 [N]
-        Ascending: pixels in which something is visible.
+        Pixels in which something is visible, row * width + column, ascending.
     colour : float32 [N, 3]
         Straight, 0..255.
     alpha : float32 [N]

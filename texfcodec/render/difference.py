@@ -22,16 +22,16 @@ GAP = 8  # pixels between panels
 
 def compare(first: Picture, second: Picture, background: tuple[int, int, int] = (255, 255, 255),
             around: Background | None = None) -> tuple[dict, np.ndarray]:
-    """PSNR between two Pictures, and a heat map of their difference.
+    """Compare two Pictures: return the PSNR between them, and a heat map of their difference.
 
     Parameters
     ----------
     first, second : Picture
-        Of one size.
-    background : background
-        Laid under both.
+        Pictures of the same size.
+    background : (r, g, b)
+        Colour under both pictures, 0..255.
     around : background, optional
-        Under the heat map; None for background.
+        Background of the heat map's uncovered pixels; None for the same colour.
 
     Returns
     -------
@@ -66,12 +66,12 @@ def compare(first: Picture, second: Picture, background: tuple[int, int, int] = 
 
 
 def heat_colour(difference: np.ndarray) -> np.ndarray:
-    """Colours of the heat map.
+    """Return the colours of the heat map.
 
     Parameters
     ----------
     difference : float [M]
-        Coded levels.
+        Difference of two pixels in sRGB-coded levels of 0..255.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def heat_colour(difference: np.ndarray) -> np.ndarray:
 
 
 def names_of_halves(assets: Sequence[tuple[bool, str]]) -> list[str]:
-    """Captions of two pictures.
+    """Return the captions of two pictures.
 
     Parameters
     ----------
@@ -94,7 +94,8 @@ def names_of_halves(assets: Sequence[tuple[bool, str]]) -> list[str]:
     Returns
     -------
     list of str
-        They call a mesh and a stream source and stream, other pairs first and second.
+        Such as "source: bunny.glb"; the first word is source for the mesh and stream for the stream, or first and second if both
+        are of the same kind.
     """
     words = {(True, False): ("source", "stream"), (False, True): ("stream", "source")}
     kinds = words.get((assets[0][0], assets[1][0]), ("first", "second"))
@@ -103,7 +104,7 @@ def names_of_halves(assets: Sequence[tuple[bool, str]]) -> list[str]:
 
 def sheet(panels: Sequence[np.ndarray], captions: Sequence[str],
           background: Background = (255, 255, 255)) -> np.ndarray:
-    """Pictures in a row, a caption under each, and the heat map's scale under the last.
+    """Set pictures in a row, with a caption under each, and the heat map's colour scale under the last.
 
     Parameters
     ----------
@@ -112,7 +113,7 @@ def sheet(panels: Sequence[np.ndarray], captions: Sequence[str],
     captions : sequence of str
         One for each.
     background : background
-        Its bottom colour is used.
+        Its bottom colour lies behind the captions.
 
     Returns
     -------

@@ -47,7 +47,7 @@ class Light:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Environment:
-    """A sky and lights.
+    """A sky whose colour depends on the height alone, and directional lights.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Environment:
     exposure: float = 1.0
 
     def radiance(self, direction: np.ndarray) -> np.ndarray:
-        """Radiance of the sky without the lights.
+        """Return the radiance of the sky in given directions, without the lights.
 
         Parameters
         ----------
@@ -79,7 +79,7 @@ class Environment:
         return _horner(self.powers, direction[1])
 
     def irradiance(self, normal: np.ndarray) -> np.ndarray:
-        """The sky's irradiance over pi, without the lights; exact.
+        """Return the sky's irradiance over pi on surfaces with given normals, without the lights; exact.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class Environment:
         return _horner(self.diffuse_powers, normal[1])
 
     def prefiltered(self, direction: np.ndarray, roughness: np.ndarray) -> np.ndarray:
-        """The sky averaged with the lobe of GGX, seen straight on.
+        """Return the sky's radiance averaged with the lobe of GGX, as it is when seen straight on.
 
         Parameters
         ----------
@@ -176,7 +176,8 @@ def cosine_lobe() -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def ggx_lobe(alpha: float) -> np.ndarray:
-    """Lobe of the light that GGX reflects when seen straight on, weighted by the light's cosine; see cosine_lobe().
+    """Return the lobe that GGX reflects when seen straight on, weighted by the light's cosine, as a series of Legendre
+    polynomials.
 
     Parameters
     ----------
@@ -186,7 +187,7 @@ def ggx_lobe(alpha: float) -> np.ndarray:
     Returns
     -------
     float64 [DEGREE + 1]
-        Factors of Legendre polynomials.
+        Factors of the polynomials of degree 0, 1, ..., by which a sky's coefficients are multiplied.
 
     Notes
     -----
@@ -203,7 +204,8 @@ def ggx_lobe(alpha: float) -> np.ndarray:
 
 
 def furnace(radiance: Sequence[float] = (1.0, 1.0, 1.0)) -> Environment:
-    """Environment of the same radiance from everywhere and no light: a white surface that loses nothing is invisible in it.
+    """Return the environment with the same radiance from everywhere and no light (white furnace test): a white surface that loses
+    nothing is invisible in it.
 
     Parameters
     ----------

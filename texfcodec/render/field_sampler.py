@@ -47,7 +47,8 @@ class FieldSampler:
         self._density: np.ndarray | None = None
 
     def of_field(self, number: int, names: Sequence[str] = ()) -> SampleFunction:
-        """Function (face int64 [M], bary float64 [M, 3], depth float64 [M]) -> values float32 [M, C], 0..255, of field `number`.
+        """Return the function that samples field `number` at fragments: (face int64 [M], bary float64 [M, 3], depth float64 [M])
+        -> values float32 [M, C], 0..255. depth: of the fragments, along the camera's forward, which filtering needs.
 
         names: of planes that have one support, whose values are side by side; empty: colour and alpha, four columns.
         """
@@ -121,12 +122,12 @@ def _filtered(pyramid: Pyramid, finest, places, wide):
 
 
 def mixed(level: Callable[[int, np.ndarray], np.ndarray], fineness: np.ndarray) -> np.ndarray:
-    """Values mixed between the two levels around a fractional level.
+    """Mix values linearly between the two levels around a fractional level of detail.
 
     Parameters
     ----------
     level : function (int, int64 [m]) -> float [m, C]
-        Values of a level at some of the places.
+        Takes the number of a level and indices of places; returns the values there.
     fineness : float64 [M]
         Fractional level of each place.
 
@@ -148,7 +149,7 @@ def mixed(level: Callable[[int, np.ndarray], np.ndarray], fineness: np.ndarray) 
 
 
 def texels_per_unit(corners: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Texels along one unit of length in the world.
+    """Return how many texels lie along one unit of length in the world, for each face.
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ def texels_per_unit(corners: np.ndarray, uv: np.ndarray) -> np.ndarray:
     Returns
     -------
     float64 [F]
-        0 if a face has no area.
+        Square root of the ratio of areas; 0 if a face has no area.
     """
     world = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     u, v = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
@@ -176,7 +177,7 @@ def _voxels_per_unit(texf, support):
 
 
 def surface_points(face: np.ndarray, bary: np.ndarray, positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """World points of barycentric coordinates.
+    """Return the world points at barycentric coordinates of faces.
 
     Parameters
     ----------

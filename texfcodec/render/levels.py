@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Level:
-    """One level of a field, whose cells are 2**level of the field's own a side.
+    """A level of detail of a field, whose cells are 2**level of the field's own voxels or texels a side.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Level:
     counts: np.ndarray
 
     def query(self, places: np.ndarray) -> np.ndarray:
-        """Values at places of the field.
+        """Return the level's values at places of the field.
 
         Parameters
         ----------
@@ -57,7 +57,8 @@ class Level:
 
 
 class Pyramid:
-    """Levels of planes of one field, each built on first use. Threads that use it at once may build a level twice, no more.
+    """Levels of detail of planes of one field, each built on first use. Threads that use it at once may build a level twice, no
+    more.
 
     names: of planes that have one support, side by side in the values; empty: the colours that a viewer shows without light.
     """
@@ -74,7 +75,7 @@ class Pyramid:
         return self._levels[0].support.depth
 
     def level(self, number: int) -> Level:
-        """Level `number`, 0..last."""
+        """Return level `number`, 0 (the field itself) to last (the coarsest)."""
         levels = self._levels
         while len(levels) <= number:
             levels = [*levels, _coarser(levels[-1])]
@@ -83,7 +84,7 @@ class Pyramid:
 
 
 def pyramid_of(field: Field, names: Sequence[str] = ()) -> Pyramid:
-    """The Pyramid of planes of a field.
+    """Return the Pyramid, the levels of detail, of some planes of a field.
 
     Parameters
     ----------

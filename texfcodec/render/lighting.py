@@ -75,7 +75,7 @@ class Lighting:
 
     def coded(self, camera: Camera, fragments: Fragments, rgba: np.ndarray, filtering: bool = True,
               threads: int = 1, noise: tuple[str, float] | None = None) -> np.ndarray:
-        """Colours of fragments in light.
+        """Return the colours of fragments in light.
 
         Parameters
         ----------
@@ -90,7 +90,7 @@ class Lighting:
         threads : int
             Most threads; the result does not depend on it.
         noise : (str, float), optional
-            A channel, and the largest of the even random errors, on 0..255, that its values get, as by coding.
+            A channel's name and an amplitude on 0..255: uniform random errors up to it are added to the channel, as by coding.
 
         Returns
         -------
@@ -174,7 +174,7 @@ class Lighting:
 
 
     def normals(self, name: str, face: np.ndarray, bary: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """World shading normals of surface points.
+        """Return shading normals of surface points in the world, without and with a normal map.
 
         Parameters
         ----------
@@ -195,7 +195,7 @@ class Lighting:
         return plain, self._bent(name, self.maps.sampler(None, 0.0, wanted, False)(wanted, *at), at, plain)
 
     def finals(self, names: Collection[str], face: np.ndarray, bary: np.ndarray) -> dict[str, np.ndarray]:
-        """Final values of channels at surface points, with or without a map.
+        """Return the values that shading uses of channels at surface points: map times factor, or the factor without a map.
 
         Parameters
         ----------
@@ -209,7 +209,7 @@ class Lighting:
         Returns
         -------
         dict of str to float32 [M, C]
-            Linear.
+            Values of each channel by its name; colours are linear.
         """
         material, mapped = self.face_material[face], frozenset(names) & self.table.wanted_channels()
         sampled = self.maps.sampler(None, 0.0, mapped, False)(mapped, face, bary, np.zeros(len(face)))

@@ -46,12 +46,14 @@ class FieldMaps:
         return out
 
     def tangents(self, name: str, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
-        """Tangents float32 [M, 4] at points of faces; 0 (no tangent) if a field is over voxels."""
+        """Return the tangents (x, y, z, sign of the bitangent) at points of faces, float32 [M, 4]; 0 where the field is over
+        voxels. name: not used, because all maps of a field have the same UVs."""
         return interpolate_corners(self.corner_tangent, face, bary)
 
     def sampler(self, camera: Camera | None, deepest: float, wanted: Collection[str], filtering: bool) -> Callable:
-        """Function (names among wanted, face, bary, depth) -> values float32 [M, C], 0..255, by channel of the fields. Without
-        filtering no camera is needed."""
+        """Return the function (names, face, bary, depth) -> {channel of the fields: values float32 [M, C] in 0..255} of surface
+        points. wanted: channels that names may hold; deepest: upper bound of depth, which is along the camera's forward;
+        filtering: whether values are averaged over pixels, else camera may be None."""
         sampler = FieldSampler(self.texf, camera, deepest if filtering else None, self.positions, self.faces)
         if any(BY_NAME[name].unit == "degrees" for name in wanted):
             _ = self.corner_tangent

@@ -47,8 +47,9 @@ class SceneMaps:
         return corner_normals(fit_cube(scene.positions, LATTICE_BITS).to_lattice(scene.positions), scene.faces)
 
     def sampler(self, camera: Camera | None, deepest: float, wanted: Collection[str], filtering: bool) -> Callable:
-        """Function (names among wanted, face, bary, depth) -> values float32 [M, C], 0..255, by channel; normals as x and y.
-        Without mip levels no camera is needed."""
+        """Return the function (names, face, bary, depth) -> {channel: values float32 [M, C] in 0..255} of surface points; normals
+        as x and y. wanted: channels that names may hold; deepest: upper bound of depth, which is along the camera's forward;
+        camera: for mip levels, else None; filtering: not used."""
         for name in sorted(wanted):
             self._of(name).build(camera, deepest)
             if BY_NAME[name].unit == "degrees":
@@ -76,12 +77,13 @@ class SceneMaps:
         return self._textures[key]
 
     def tangents(self, name: str, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
-        """Tangents float32 [M, 4] at points of faces, of the UVs of a normal map; those of anisotropy are the base's."""
+        """Return the tangents (x, y, z, sign of the bitangent) at points of faces, float32 [M, 4], along the UVs of a channel's
+        map. name: "normal", "clearcoat_normal" or "anisotropy", which takes the tangents of "normal"."""
         return interpolate_corners(self.corner_tangent("normal" if name == "anisotropy" else name), face, bary)
 
     def corner_tangent(self, name: str) -> np.ndarray:
-        """Tangents of corners, float32 [F, 3, 4]: the file's if it has some, for any UVs of a map (glTF has one TANGENT for all),
-        else derived from the map's UVs."""
+        """Return the tangents of face corners for a channel's map, float32 [F, 3, 4]: the file's if it has some, for any UVs of a
+        map (glTF has one TANGENT for all), else derived from the map's UVs."""
         scene = self.scene
         uv, given = scene.map_uv.get(name, scene.corner_uv), scene.corner_tangent
         if id(uv) not in self._tangents:

@@ -24,7 +24,7 @@ SLICES = 48  # strata a side of the integrals behind each node
 
 @dataclass
 class LightSums:
-    """Light from all lights at each point, so that the lights are summed once for any values of Fresnel's two ends.
+    """Light from all lights at each point: reflected light is f0 * spec + f90 * spec_edge for any f0 and f90 of Fresnel's law.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class LightSums:
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar products of columns.
+    """Return the dot products of columns.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def reflected(n: np.ndarray, v: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-    """Mirror directions of the view.
+    """Return the direction to the eye, mirrored at the normal.
 
     Parameters
     ----------
@@ -94,12 +94,12 @@ def fifth_power(cosine: np.ndarray) -> np.ndarray:
 
 
 def ggx_lights(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> LightSums:
-    """Light of directional lights that GGX reflects to the eye.
+    """Sum the light of directional lights that a GGX surface reflects to the eye.
 
     Parameters
     ----------
-    n, v, nv
-        As in the module's text.
+    n, v, nv : float32 [3, M], [3, M], [M]
+        Unit normals, unit directions to the eye, and their cosines, at least LEAST.
     alpha : float32 [M]
         Roughness squared.
     lights : sequence of Light
@@ -108,7 +108,7 @@ def ggx_lights(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, 
     Returns
     -------
     LightSums
-        Before Fresnel's law.
+        The sums, to be weighted with f0 and f90 of Fresnel's law.
     """
     signed = dot(n, v)
 
@@ -119,7 +119,7 @@ def ggx_lights(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, 
 
 
 def ggx_lights_through(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> np.ndarray:
-    """Light from behind a thin sheet whose surface is rough on this side: GGX of the lights mirrored to the eye's side.
+    """Sum the light that passes a thin sheet, rough on the eye's side, from behind: GGX of the lights mirrored to that side.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def ggx_lights_through(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.n
     Returns
     -------
     float32 [3, M]
-        Before Fresnel's law.
+        Radiance without the loss by reflection (Fresnel's law).
     """
     out, signed = np.zeros((3, n.shape[1]), np.float32), dot(n, v)
     for light in lights:
@@ -161,7 +161,7 @@ def _ggx(square, nh, nl, nv):
 
 def ggx_lights_stretched(n: np.ndarray, v: np.ndarray, nv: np.ndarray, tangents: Sequence[np.ndarray],
                          alphas: Sequence[np.ndarray], lights: Sequence[Light]) -> LightSums:
-    """GGX lobes of lights on a surface with different roughness along two tangents; see ggx_lights().
+    """Sum the light that a GGX surface with different roughness along two tangents reflects; see ggx_lights().
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def ggx_lights_stretched(n: np.ndarray, v: np.ndarray, nv: np.ndarray, tangents:
     Returns
     -------
     LightSums
-        Before Fresnel's law.
+        The sums, to be weighted with f0 and f90 of Fresnel's law.
     """
     tv, bv = (dot(direction, v) for direction in tangents)
 
@@ -207,7 +207,7 @@ def _summed(n, v, lights, lobe):
 
 
 def charlie_lights(n: np.ndarray, v: np.ndarray, nv: np.ndarray, alpha: np.ndarray, lights: Sequence[Light]) -> np.ndarray:
-    """Light of directional lights that Charlie's lobe of white cloth reflects to the eye.
+    """Sum the light of directional lights that white cloth (Charlie's sheen lobe) reflects to the eye.
 
     Parameters
     ----------
@@ -242,12 +242,12 @@ def _charlie(nh, inverse, nl, nv):
 
 
 def ggx_integral(nv: np.ndarray, roughness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Reflectance of GGX under a white sky, f0 a + f90 b, as its two factors.
+    """Return the two factors a, b of the reflectance of GGX under a white sky, f0 a + f90 b.
 
     Parameters
     ----------
     nv : float32 [M]
-        Cosine of the view.
+        Cosine between the normal and the direction to the eye.
     roughness : float32 [M]
         Of glTF, 0..1.
 
@@ -261,7 +261,7 @@ def ggx_integral(nv: np.ndarray, roughness: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def charlie_integral(nv: np.ndarray, roughness: np.ndarray) -> np.ndarray:
-    """Share of a white sky that white cloth reflects.
+    """Return the share of a white sky that white cloth (Charlie's sheen lobe) reflects.
 
     Parameters
     ----------

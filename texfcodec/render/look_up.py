@@ -22,14 +22,14 @@ def _bilinear(table, x, y, out):
 
 
 def look_up(table: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Bilinear values of a table.
+    """Look up bilinear values in a table.
 
     Parameters
     ----------
     table : float32 [X, Y, K]
         X and Y at least 2; its ends are at 0 and 1.
     x, y : float32 [M]
-        Clamped to 0..1; NaN counts as 0.
+        Places in the table, from its first to its last entry, clamped to 0..1; NaN counts as 0.
 
     Returns
     -------

@@ -20,7 +20,7 @@ BLOCK = 1 << 14  # points at a time: the columns of one term stay in the cache
 
 
 def shade(points: ShadingPoints, table: ShadingTable, environment: Environment, threads: int = 1) -> np.ndarray:
-    """Radiance of points towards the eye.
+    """Return the radiance of surface points towards the eye.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def shade(points: ShadingPoints, table: ShadingTable, environment: Environment, 
 
 
 def expose(radiance: np.ndarray, exposure: float = 1.0) -> np.ndarray:
-    """sRGB-coded colours of radiance: multiplied by the exposure, clamped at 1, coded.
+    """Convert radiance to sRGB-coded colours: multiply by the exposure, clamp at 1, code.
 
     Parameters
     ----------

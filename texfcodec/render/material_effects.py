@@ -22,7 +22,7 @@ TERMS = frozenset({"lit", "occlusion", "emission", "clearcoat", "sheen", "specul
 
 
 def sound_parameters(parameters: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
-    """Valid parameters from any: those that differ from the default.
+    """Return a material's parameters with invalid values replaced, without those that are the default.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def shading_effects(material: Material) -> frozenset[str]:
 
 
 class ShadingTable:
-    """Materials as shading reads them.
+    """Effects and parameters of materials, as arrays for shading.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ class ShadingTable:
     Attributes
     ----------
     effects : list of frozenset of str
-        Names of the effects of each.
+        Names of the effects of each material.
     values : dict of str to float32 [K, C]
-        By parameter.
+        Values of each parameter by its name, a row for each of the K materials.
     """
 
     def __init__(self, materials: Sequence[Material]) -> None:
@@ -93,9 +93,10 @@ class ShadingTable:
         return any("lit" in effects for effects in self.effects)
 
     def wanted_channels(self, numbers: Collection[int] | None = None) -> frozenset[str]:
-        """Names of the channels beside base colour that the effects of materials read and that have a map in a material.
+        """Return the channels, beside base colour, that must be sampled: those with a map that the effects of their material
+        read.
 
-        numbers: of the visible materials, None for all.
+        numbers: indices of the visible materials, None for all.
         """
         wanted: set[str] = set()
         for number in range(len(self.effects)) if numbers is None else numbers:
@@ -104,11 +105,12 @@ class ShadingTable:
         return frozenset(wanted)
 
     def final(self, name: str, material: np.ndarray, share: np.ndarray) -> np.ndarray:
-        """Final values float32 [M, C] of a channel, from values of its map. share: [M, C] linear, 0..1; material: [M]."""
+        """Return the values float32 [M, C] that shading uses of a channel: its map's, share, times its factor. name: of the
+        channel; share: [M, C] linear, 0..1; material: [M], index of each point's material."""
         parameter = BY_NAME[name].parameter
         return with_factor(name, np.asarray(share, np.float32), self.values[parameter][material] if parameter else None)
 
     def constant(self, name: str, material: np.ndarray) -> np.ndarray:
-        """Final values float32 [M, C] of a channel without a map. material: [M]."""
+        """Return the values float32 [M, C] that shading uses of a channel without a map: its factor. material: as in final()."""
         share = np.array(neutral_values(name), np.float32) / np.float32(255)
         return self.final(name, material, np.broadcast_to(share, (len(material), len(share))))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Fragments:
-    """Visible surface, one entry per covered pixel.
+    """The visible surface of a picture, one entry per covered pixel.
 
     Attributes
     ----------
@@ -49,7 +49,8 @@ class Fragments:
 
 def rasterise(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bool = True, two_sided: np.ndarray | None = None,
               threads: int = 1, beyond: np.ndarray | None = None) -> Fragments:
-    """Visible faces of a mesh: the nearest face at every pixel centre, and of equally near ones that with the lowest number.
+    """Find the visible faces of a mesh: the nearest face at every pixel centre, and of equally near ones that with the lowest
+    number.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def rasterise(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bo
 
 
 def visible(triangles: Triangles, threads: int = 1, beyond: np.ndarray | None = None) -> Fragments:
-    """Rasterise in one of several passes over the same faces; see rasterise().
+    """Rasterise triangles that are set up already, for several passes over the same faces; see rasterise().
 
     Parameters
     ----------

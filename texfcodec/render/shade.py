@@ -30,7 +30,7 @@ BLOCK = 1 << 16  # fragments shaded at a time
 
 
 def box_down(image: np.ndarray, times: int) -> np.ndarray:
-    """The picture at 1 / times of its size: each pixel is the rounded mean of times x times coded values.
+    """Return the picture at 1 / times of its size: each pixel is the rounded mean of times x times coded values.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Picture:
     alpha: np.ndarray
 
     def image(self, background: Background = (255, 255, 255)) -> np.ndarray:
-        """The picture over a background.
+        """Return the picture over a background, as 8-bit pixels.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class Picture:
 
 def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int = 1, source: PackedSource | Textures | None = None,
                  shaded: Lighting | Environment | None = None) -> Picture:
-    """Picture of a Scene with its own textures (bilinear, as glTF defines them).
+    """Draw a Scene with its own textures (bilinear, as glTF defines them).
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int =
 
 def render_lights(scene: Scene, camera: Camera, lights: Sequence[Lighting | None], cull: bool = True, threads: int = 1,
                   source: PackedSource | Textures | None = None) -> list[Picture]:
-    """Pictures of a Scene in several lights. If all is opaque, visibility and base colour are computed once.
+    """Draw a Scene in several lights from the same camera. If all is opaque, visibility and base colour are computed once.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def render_lights(scene: Scene, camera: Camera, lights: Sequence[Lighting | None
 
 def render_texf(texf: Texf, camera: Camera, cull: bool = True, filtering: bool = True, threads: int = 1,
                 shaded: Lighting | Environment | None = None) -> Picture:
-    """Picture of a decoded Texf.
+    """Draw a decoded Texf.
 
     Parameters
     ----------
@@ -183,12 +183,12 @@ def _in_light(light, camera, fragments, rgba, filtering, threads):
 
 
 def shade_source(source: PackedSource, fragments: Fragments, threads: int = 1) -> np.ndarray:
-    """Source colours of fragments.
+    """Return the base colour of a source Scene at fragments, without light.
 
     Parameters
     ----------
     source : PackedSource
-        UVs that are not finite are read as 0.
+        Of pack_source(). UVs that are not finite are read as 0.
     fragments : Fragments
         M visible points.
     threads : int
@@ -204,7 +204,7 @@ def shade_source(source: PackedSource, fragments: Fragments, threads: int = 1) -
 
 def shade_field(texf: Texf, camera: Camera, fragments: Fragments, positions: np.ndarray, faces: np.ndarray,
                 filtering: bool = True, threads: int = 1) -> np.ndarray:
-    """Field colours of fragments, each from the field of its face.
+    """Return the base colour of a decoded Texf at fragments, without light, each from the field of its face.
 
     Parameters
     ----------

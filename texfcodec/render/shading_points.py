@@ -67,18 +67,18 @@ class ShadedSurface:
         self.sky_share: np.ndarray | np.float32 = np.float32(1)
 
     def value(self, name: str) -> np.ndarray:
-        """A channel's values [C, m]."""
+        """Return a channel's values that shading uses, [C, m]. name: of the channel."""
         given = self._points.values.get(name)
         rows = self._table.constant(name, self.material) if given is None else given[self._chosen]
         columns = np.ascontiguousarray(rows.T, np.float32)
         return np.fmin(np.fmax(columns, np.float32(0)), np.float32(LARGEST if name in UNBOUNDED else 1))
 
     def scalar(self, name: str) -> np.ndarray:
-        """Values [m] of a channel of one component."""
+        """Return the values that shading uses of a channel of one component, [m]. name: of the channel."""
         return self.value(name)[0]
 
     def parameter(self, name: str) -> np.ndarray:
-        """A parameter's values [C, m]."""
+        """Return the value of a material parameter at each point, [C, m]. name: of the parameter."""
         return self._table.values[name][self.material].T
 
     def coat_normal(self) -> np.ndarray:
@@ -102,7 +102,7 @@ class ShadedSurface:
 
 
 def unit(rows: np.ndarray, instead: np.ndarray) -> np.ndarray:
-    """Unit columns of rows.
+    """Scale vectors to length 1 and transpose them to columns.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def unit(rows: np.ndarray, instead: np.ndarray) -> np.ndarray:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Vector products of columns.
+    """Return the cross products a x b of columns.
 
     Parameters
     ----------

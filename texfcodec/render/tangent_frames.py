@@ -9,7 +9,7 @@ from .shading_points import cross, unit
 
 
 def interpolate_corners(corner: np.ndarray, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
-    """Values of corners at points of faces.
+    """Interpolate values of face corners at points of faces.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def interpolate_corners(corner: np.ndarray, face: np.ndarray, bary: np.ndarray) 
 
 
 def towards_viewer(normal: np.ndarray, geometric: np.ndarray, view: np.ndarray) -> np.ndarray:
-    """Normals, turned over if the face is seen from behind, as in glTF for double-sided materials.
+    """Return normals, turned over if the face is seen from behind, as in glTF for double-sided materials.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def towards_viewer(normal: np.ndarray, geometric: np.ndarray, view: np.ndarray) 
 
 
 def usable_normals(normal: np.ndarray, geometric: np.ndarray) -> np.ndarray:
-    """Unit normals without zeros and values that are not finite.
+    """Return unit normals, with a substitute for each that is zero or not finite.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def usable_normals(normal: np.ndarray, geometric: np.ndarray) -> np.ndarray:
 
 def tangent_space_normals(texel: np.ndarray, scale: np.ndarray | float, normal: np.ndarray, tangent: np.ndarray,
                           geometric: np.ndarray) -> np.ndarray:
-    """World normals of a tangent-space map.
+    """Return the world normals that a tangent-space normal map gives at points.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def tangent_space_normals(texel: np.ndarray, scale: np.ndarray | float, normal: 
     Returns
     -------
     float32 [M, 3]
-        The interpolated normal if the tangent or the texel is unusable; see usable_normals().
+        Of length 1; the interpolated normal if the tangent or the texel is unusable, see usable_normals().
     """
     n = usable_normals(normal, geometric).T
     t = unit(tangent[:, :3], np.zeros_like(n))
@@ -109,12 +109,12 @@ def tangent_space_normals(texel: np.ndarray, scale: np.ndarray | float, normal: 
 
 
 def deviated_normals(deviation: np.ndarray, normal: np.ndarray, geometric: np.ndarray) -> np.ndarray:
-    """World normals of a map of deviations in object space: normal + deviation, scaled to length 1.
+    """Return the world normals that a map of deviations in object space gives: normal + deviation, scaled to length 1.
 
     Parameters
     ----------
     deviation : float32 [M, 3]
-        Of the map.
+        Values of the map, about -1..1.
     normal, geometric
         As of usable_normals().
 

@@ -48,22 +48,23 @@ class Gloss:
     b: np.ndarray
 
     def gain(self, f0: Reflectance) -> np.ndarray:
-        """Factor that adds the light of several bounces within the roughness (Turquin, Practical multiple scattering compensation
-        for microfacet models, 2019)."""
+        """Return the factor on the lobe that adds the light of several bounces within the roughness (Turquin, Practical multiple
+        scattering compensation for microfacet models, 2019)."""
         return 1 + f0 * (1 / (self.a + self.b) - 1)
 
     def albedo(self, f0: Reflectance, f90: Reflectance) -> np.ndarray:
-        """Reflected share of a white sky, at most 1."""
+        """Return the share of a white sky that the lobe reflects, [m] or [3, m], at most 1. f0, f90: as in light()."""
         return np.minimum(self.gain(f0) * (f0 * self.a + f90 * self.b), np.float32(1))
 
     def light(self, f0: Reflectance, f90: Reflectance) -> np.ndarray:
-        """Reflected radiance [3, m]. f0: [3, m], [m] or one; f90: [m] or one."""
+        """Return the reflected radiance [3, m]. f0, f90: reflectance straight on and at grazing angles, [3, m], [m] or one
+        number."""
         seen = self.sky * (f0 * self.a + f90 * self.b) + f0 * self.lights.spec + f90 * self.lights.spec_edge
         return self.gain(f0) * seen
 
 
 def occlusion(surface: ShadedSurface) -> None:
-    """Sets the share of the sky that reaches the points.
+    """Set the share of the sky that reaches the points, from their occlusion channel.
 
     Parameters
     ----------
@@ -74,7 +75,7 @@ def occlusion(surface: ShadedSurface) -> None:
 
 
 def gloss(surface: ShadedSurface, environment: Environment) -> Gloss:
-    """The base's lobe, symmetric about the mirror direction.
+    """Return the specular lobe of the base layer, symmetric about the mirror direction.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ def gloss(surface: ShadedSurface, environment: Environment) -> Gloss:
     Returns
     -------
     Gloss
-        Before Fresnel's law.
+        The lobe; Gloss.light() applies f0 and f90 of Fresnel's law to it.
     """
     lights = ggx_lights(surface.normal, surface.view, surface.nv, surface.roughness**2, environment.lights)
     mirror = _leaning(reflected(surface.normal, surface.view, surface.cosine), surface.normal, surface.roughness)
@@ -95,7 +96,7 @@ def gloss(surface: ShadedSurface, environment: Environment) -> Gloss:
 
 
 def anisotropic_gloss(surface: ShadedSurface, environment: Environment) -> Gloss:
-    """The base's lobe, wider along a direction of the surface (KHR_materials_anisotropy).
+    """Return the specular lobe of the base layer, wider along a direction of the surface (KHR_materials_anisotropy).
 
     Parameters
     ----------
@@ -145,7 +146,7 @@ def _leaning(mirror, normal, roughness):
 
 
 def specular(surface: ShadedSurface) -> tuple[np.ndarray, np.ndarray]:
-    """Reflectance of dielectrics (KHR_materials_specular, KHR_materials_ior).
+    """Return the reflectance of dielectrics (KHR_materials_specular, KHR_materials_ior).
 
     Parameters
     ----------
@@ -165,7 +166,7 @@ def specular(surface: ShadedSurface) -> tuple[np.ndarray, np.ndarray]:
 
 
 def iridescence(surface: ShadedSurface, f0: Reflectance) -> np.ndarray:
-    """Reflectance straight on, mixed with that under a thin film (KHR_materials_iridescence).
+    """Return the reflectance straight on, mixed with that under a thin film (KHR_materials_iridescence).
 
     Parameters
     ----------
@@ -187,14 +188,14 @@ def iridescence(surface: ShadedSurface, f0: Reflectance) -> np.ndarray:
 
 
 def diffuse(surface: ShadedSurface, environment: Environment, lobe: Gloss, lost: np.ndarray) -> np.ndarray:
-    """Light that a white diffuse surface gives under a dielectric interface.
+    """Return the light that a white diffuse surface gives under a dielectric interface.
 
     Parameters
     ----------
     surface, environment
         As of gloss().
     lobe : Gloss
-        The base's.
+        The specular lobe of the base layer, whose sums of the lights are used.
     lost : float32 [m]
         Share of a white sky that the interface reflects.
 
@@ -209,7 +210,7 @@ def diffuse(surface: ShadedSurface, environment: Environment, lobe: Gloss, lost:
 
 def diffuse_transmission(surface: ShadedSurface, environment: Environment, under: np.ndarray, lost: np.ndarray,
                          tint: np.ndarray | None) -> np.ndarray:
-    """Diffuse light, a share of which comes from behind (KHR_materials_diffuse_transmission).
+    """Return diffuse light, a share of which comes from behind (KHR_materials_diffuse_transmission).
 
     Parameters
     ----------
@@ -220,7 +221,7 @@ def diffuse_transmission(surface: ShadedSurface, environment: Environment, under
     lost : float32 [m]
         Share of a white sky that is reflected before it enters.
     tint : float32 [3, m], optional
-        Of the volume.
+        Transmittance of the volume, see volume(); None for a thin sheet.
 
     Returns
     -------
@@ -239,16 +240,16 @@ def diffuse_transmission(surface: ShadedSurface, environment: Environment, under
 
 def transmission(surface: ShadedSurface, environment: Environment, under: np.ndarray, lost: np.ndarray, tint: np.ndarray | None,
                  disperses: bool) -> np.ndarray:
-    """Light, a share of which is seen through the surface (KHR_materials_transmission): sky and lights only, never other
-    surfaces.
+    """Return the light, a share of which is seen through the surface (KHR_materials_transmission): sky and lights only, never
+    other surfaces.
 
     Parameters
     ----------
     surface, environment, under, lost
         As of diffuse_transmission().
     tint : float32 [3, m], optional
-        Of the volume. With it the sky is seen along the ray that is refracted at its entry, as if it left unbent; None for a thin
-        sheet, which is seen through straight.
+        Transmittance of the volume, see volume(). With it the sky is seen along the ray that is refracted at its entry, as if it
+        left unbent; None for a thin sheet, which is seen through straight.
     disperses : bool
         Whether the refraction depends on the colour; see dispersed().
 
@@ -272,14 +273,14 @@ def transmission(surface: ShadedSurface, environment: Environment, under: np.nda
 
 
 def dispersed(surface: ShadedSurface, environment: Environment, ior: np.ndarray, roughness: np.ndarray) -> np.ndarray:
-    """The sky along rays that are refracted less in red and more in blue (KHR_materials_dispersion).
+    """Return the light of the sky along rays that are refracted less in red and more in blue (KHR_materials_dispersion).
 
     Parameters
     ----------
     surface, environment
         As of gloss().
     ior, roughness : float32 [m]
-        Of the volume.
+        Index of refraction of the volume, and roughness of the transmitted lobe.
 
     Returns
     -------
@@ -298,7 +299,7 @@ def _refracted(surface, ior):
 
 
 def volume(surface: ShadedSurface) -> np.ndarray:
-    """Transmittance of the volume along the normal, by Beer's law (KHR_materials_volume).
+    """Return the transmittance of the volume along the normal, by Beer's law (KHR_materials_volume).
 
     Parameters
     ----------
@@ -316,7 +317,7 @@ def volume(surface: ShadedSurface) -> np.ndarray:
 
 
 def sheen(surface: ShadedSurface, environment: Environment, below: np.ndarray) -> np.ndarray:
-    """Light of cloth fibres over the layers below (KHR_materials_sheen).
+    """Return the light of cloth fibres over the layers below (KHR_materials_sheen).
 
     Parameters
     ----------
@@ -339,7 +340,7 @@ def sheen(surface: ShadedSurface, environment: Environment, below: np.ndarray) -
 
 
 def emission(surface: ShadedSurface, below: np.ndarray) -> np.ndarray:
-    """Light of the layers below plus the surface's own (KHR_materials_emissive_strength).
+    """Return the light of the layers below plus the surface's own (KHR_materials_emissive_strength).
 
     Parameters
     ----------
@@ -357,7 +358,7 @@ def emission(surface: ShadedSurface, below: np.ndarray) -> np.ndarray:
 
 
 def clearcoat(surface: ShadedSurface, environment: Environment, below: np.ndarray) -> np.ndarray:
-    """Light of a clear layer of ior 1.5 over the layers below, with a normal of its own (KHR_materials_clearcoat).
+    """Return the light of a clear layer of ior 1.5 over the layers below, with a normal of its own (KHR_materials_clearcoat).
 
     Parameters
     ----------

@@ -53,7 +53,8 @@ class Textures:
         return texels_per_unit(self.scene.positions[self.scene.faces], source.corner_uv * size[:, None].astype(np.float64))
 
     def build(self, camera: Camera | None, deepest: float) -> None:
-        """Builds the levels for fragments no deeper than `deepest`, before threads read them."""
+        """Build the mip levels that fragments need, before threads read them. deepest: their largest depth along the camera's
+        forward."""
         if self.mips is None or self._density is None or camera is None:
             return
         widest = self._density.max(initial=0.0) * camera.pixel * (deepest if camera.perspective else 1.0)
@@ -63,7 +64,8 @@ class Textures:
                 self.sources[number] = with_finite_uvs(self.pack(self.mips.level(number, self.colour)))
 
     def sample(self, camera: Camera | None, face: np.ndarray, bary: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Values float32 [M, 4], 0..255, at points of faces. build() must have been called for such depths."""
+        """Sample the images at points of faces: RGBA float32 [M, 4], 0..255. depth: of the points along the camera's forward, for
+        the mip levels, which build() must have built."""
         if self.mips is None or self._density is None or camera is None:
             return sample_source(self.sources[0], face, bary)
         wide = self._density[face] * (camera.pixel * depth if camera.perspective else camera.pixel)
@@ -73,7 +75,7 @@ class Textures:
         return mixed(lambda number, chosen: sample_source(self.sources[number], face[chosen], bary[chosen]), fineness)
 
     def colours(self, camera: Camera, fragments: Fragments, threads: int = 1) -> np.ndarray:
-        """Values float32 [M, 4], 0..255, of fragments."""
+        """Sample the images at fragments: RGBA float32 [M, 4], 0..255."""
         self.build(camera, fragments.depth.max(initial=0.0))
         out = np.empty((len(fragments.face), 4), np.float32)
 
@@ -93,7 +95,7 @@ class MipScenes:
         self.last = max((max(t.image.shape[:2]) for t in scene.textures), default=1).bit_length() - 1
 
     def level(self, number: int, colour: bool) -> Scene:
-        """The Scene of a level; colour: whether the images are sRGB-coded."""
+        """Return the Scene with its images at level `number`. colour: whether the images are sRGB-coded."""
         if (number, colour) not in self._scenes:
             finer = self.level(number - 1, colour)
             halves: dict[int, np.ndarray] = {}  # several textures may be one image
@@ -106,7 +108,7 @@ class MipScenes:
 
 
 def halved(image: np.ndarray, colour: bool) -> np.ndarray:
-    """An image at half its size: means over the area of each texel.
+    """Return an image at half its size: means over the area of each texel.
 
     Parameters
     ----------
@@ -143,7 +145,7 @@ def _shrunk(values, axis):
 
 
 def with_finite_uvs(source: PackedSource) -> PackedSource:
-    """A source with 0 for UVs that are not finite.
+    """Return a packed source with 0 for UVs that are not finite.
 
     Parameters
     ----------

@@ -18,12 +18,12 @@ ORDERS = 2  # terms of the sum beyond the mean; further ones are below what 8 bi
 
 
 def film_reflectance(cosine: np.ndarray, base: np.ndarray, ior: np.ndarray, thickness: np.ndarray) -> np.ndarray:
-    """Reflectance of a base under a film in air.
+    """Return the reflectance of a base under a thin film in air, by interference.
 
     Parameters
     ----------
     cosine : float32 [M]
-        Of the view.
+        Between the normal and the direction to the eye.
     base : float32 [3, M]
         Reflectance of the bare base seen straight on, 0..1.
     ior : float32 [M]
@@ -67,7 +67,7 @@ def _sensitivity(path):
 
 
 def film_f0(cosine: np.ndarray, base: np.ndarray, ior: np.ndarray, thickness: np.ndarray) -> np.ndarray:
-    """Reflectance straight on for which Schlick's law gives film_reflectance() at this view.
+    """Return the reflectance straight on for which Schlick's law gives film_reflectance() at this view.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ AZIMUTH, ELEVATION = 30.0, 25.0
 
 
 def to_png(image: np.ndarray) -> bytes:
-    """PNG of an image.
+    """Encode an image as PNG.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def to_png(image: np.ndarray) -> bytes:
 
 
 def thumbnail(texf: Texf) -> bytes:
-    """PNG of a Texf for notebooks: from the front, a little from above and the side, on grey.
+    """Draw a Texf as a PNG for notebooks: from the front, a little from above and the side, on grey.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ IN_REACH, TO_CLIP, NOT_FINITE = 0, 1, 2
 
 @dataclass
 class Triangles:
-    """Input of the kernels of raster.py.
+    """Triangles on the screen, set up for the kernels of raster.py.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Triangles:
 
 def set_up(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bool = True,
            two_sided: np.ndarray | None = None) -> Triangles:
-    """Faces that may be visible, ready for filling.
+    """Project a mesh to the screen and set up the triangles of the faces that may be visible.
 
     Parameters
     ----------

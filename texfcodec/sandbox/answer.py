@@ -29,16 +29,19 @@ POSITIONS, UVS, FACES, KEYS, VALUES, SHARP_EDGES, CODED_NORMALS = 2, 3, 4, 6, 7,
 
 
 class Answer(Protocol):
-    """Decoded arrays of a sandbox."""
+    """Arrays that a sandbox has decoded from a stream."""
 
     def array(self, kind: int, i: int = 0, j: int = 0, dtype: str = "u1") -> np.ndarray:
-        """A copy of an array of native/texf.h, one-dimensional; empty if there is none. Raises ValueError for another dtype."""
+        """Return a copy of an array, one-dimensional, empty if the stream has none. kind: number of texf_array_kind in
+        native/texf.h; i, j: of the geometry unit or field and of the channel group, if the kind has these. Raises ValueError if
+        dtype is wrong."""
 
 
 def texf_of(stream: Stream, answer: Answer, options: DecodeOptions, report: Report, packed: tuple[dict, dict] = ({}, {})) -> Texf:
-    """The Texf of a stream and of the arrays decoded from it.
+    """Build the Texf of a parsed stream from the arrays that a sandbox decoded, after a check of all indices and lengths.
 
-    packed: for a joint codec, the result of its pack() for the evaluators. Raises StreamError TXF-S40 for an impossible answer.
+    packed: (facts, arrays) of a joint codec's pack(), from which its evaluators are rebuilt. Raises StreamError TXF-S40 for
+    arrays that do not fit the stream.
     """
     texf = appearance_of(stream, options, report)
     try:

@@ -21,7 +21,7 @@ ENTRIES = ("field/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual
 
 
 def decode_by_engine(data: bytes, options: DecodeOptions, report: Report) -> Texf:
-    """decode() of api.py, with complete options.
+    """Decode a stream as api.decode() does, in the engine that options choose: kernels here or in a child, or WebAssembly.
 
     Raises the errors of the engines, and TXF-U10 if the sandbox was requested and cannot decode the stream.
     """
@@ -50,7 +50,8 @@ def decode_by_engine(data: bytes, options: DecodeOptions, report: Report) -> Tex
 
 
 def takes_sandbox(options: DecodeOptions) -> bool:
-    """Return whether the WebAssembly sandbox is tried first: with auto under isolate, and until kernels are compiled."""
+    """Return whether to try the WebAssembly sandbox first: with engine "wasm", and with "auto" if options.isolate is set or the
+    kernels are not compiled yet."""
     from .wasm import is_here
 
     return is_here() and (options.engine == "wasm" or (options.engine == "auto" and (options.isolate or not kernels_compiled())))
@@ -69,9 +70,9 @@ def _decode_in_sandbox(data, stream, options, report):
 
 
 def kernels_compiled(entries: tuple[str, ...] = ENTRIES) -> bool:
-    """Return whether the cache holds kernels of all of these files of the current package, for this interpreter.
+    """Return whether the cache holds compiled kernels of all these files, for the current package and interpreter.
 
-    Without the JIT, as in tests and for coverage, there is nothing to compile.
+    entries: files relative to the package. Without the JIT, as in tests and for coverage, there is nothing to compile: True.
     """
     if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         return True

@@ -29,11 +29,11 @@ ANSWER = "answer.npz"
 
 
 def decode_isolated(data: bytes, stream: Stream, options: DecodeOptions, report: Report) -> Texf:
-    """Decode in a child process capped by limits.isolate_bytes (of address space beyond the idle decoder's) and
-    limits.isolate_seconds.
+    """Decode in a child process and return the Texf. limits.isolate_bytes (of address space beyond the idle decoder's) and
+    limits.isolate_seconds cap it.
 
-    data: bytes; stream: of read_stream(); report: gets the child's seconds and peak memory, and a warning if the system has no
-    cap on memory. Raises the errors of decode(), and TXF-S40, TXF-L07, TXF-L08, TXF-L15.
+    data: the stream; stream: the same, parsed by read_stream(); report: gets the child's seconds and peak memory, and a warning
+    if the system has no cap on memory. Raises the errors of decode(), and TXF-S40, TXF-L07, TXF-L08, TXF-L15.
     """
     with child_folder() as folder, report.stage("isolate"):
         facts, arrays = _run_child(data, options, folder)
@@ -44,13 +44,13 @@ def decode_isolated(data: bytes, stream: Stream, options: DecodeOptions, report:
 
 
 class ChildAnswer:
-    """Arrays of a child's answer, by the kinds of native/texf.h."""
+    """The Answer of a child process. arrays: one-dimensional or not, by _name() of kind, i and j."""
 
     def __init__(self, arrays: dict[str, np.ndarray]) -> None:
         self.arrays = arrays
 
     def array(self, kind: int, i: int = 0, j: int = 0, dtype: str = "u1") -> np.ndarray:
-        """See Answer."""
+        """Return the array of a kind that the child has left, one-dimensional; arguments and errors as of Answer.array()."""
         values = self.arrays.get(_name(kind, i, j), np.zeros(0, dtype))
         if values.dtype != dtype:
             raise ValueError("kind of numbers")
@@ -108,7 +108,7 @@ def _child(folder, request):
 
 
 def packed_answer(texf: Texf) -> tuple[dict, dict]:
-    """(facts of a joint codec's evaluators, arrays), from which texf_of() rebuilds the Texf."""
+    """Return (facts, arrays by name) of a decoded Texf, from which texf_of() rebuilds it. facts: of a joint codec's pack()."""
     arrays: dict = {}
     for i, unit in enumerate(texf.units):
         arrays |= {_name(POSITIONS, i): unit.lattice.astype("<u4"), _name(FACES, i): unit.faces.astype("<u4")}

@@ -42,10 +42,10 @@ def child_folder() -> Iterator[Path]:
 
 
 def run_child(module: str, data: bytes, request: dict, limits: Limits, folder: Path) -> subprocess.CompletedProcess:
-    """Runs a module of the package in a process and waits for its end.
+    """Run a module of the package in a child process with limits.isolate_seconds, and return the ended process with its stderr.
 
-    The process gets data on stdin, and as arguments a folder for its answer and a JSON-ready request. Raises LimitError if it
-    takes too long.
+    data: sent to its stdin; request: JSON-ready, its second argument; folder: for its answer, its first argument. Raises
+    LimitError TXF-L08 if it takes too long.
     """
     package = str(Path(__file__).parent.parent)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))}
@@ -58,14 +58,14 @@ def run_child(module: str, data: bytes, request: dict, limits: Limits, folder: P
 
 
 def read_facts(folder: Path) -> dict:
-    """The JSON half of a child's answer. Raises OSError, ValueError."""
+    """Return the facts that a child has left in its folder as JSON. Raises OSError, ValueError if there are none."""
     if (folder / FACTS).stat().st_size > FACTS_BYTES:
         raise ValueError("too long")
     return json.loads((folder / FACTS).read_bytes())
 
 
 def crash_of(child: subprocess.CompletedProcess, limits: Limits) -> TexfError:
-    """The error for a child that left no answer."""
+    """Return the error for a child that ended without an answer: TXF-L07 if it lacked memory, else StreamError TXF-S40."""
     said = child.stderr.decode("utf-8", "replace")[-2000:].lower()
     if any(word in said for word in _NO_MEMORY) or child.returncode == -9:  # SIGKILL: the system ran short
         return memory_error(limits)
@@ -73,7 +73,7 @@ def crash_of(child: subprocess.CompletedProcess, limits: Limits) -> TexfError:
 
 
 def memory_error(limits: Limits) -> LimitError:
-    """The error for a child that needs more memory than it may have."""
+    """Return LimitError TXF-L07, for a child that needs more memory than limits.isolate_bytes."""
     return LimitError("TXF-L07", "decoding needs more memory than the limit allows", allowed=limits.isolate_bytes)
 
 
@@ -81,7 +81,7 @@ Result = TypeVar("Result")
 
 
 def within_cap(limits: Limits, work: Callable[[], Result]) -> tuple[Result, bool]:
-    """(result of work(), whether memory could be capped), with this process's memory capped by limits.isolate_bytes.
+    """Call work() with this process's memory capped by limits.isolate_bytes. Return (its result, whether a cap was possible).
 
     Native code without memory may crash instead of raising an error. So everything but the work itself is loaded before the cap:
     a stack that need not grow, Draco, the buffers of matrix products, the parts that numba loads at its first call; the caller
@@ -112,7 +112,8 @@ def _capped(limits, work):
 
 
 def cap_memory(size: int | None) -> bool:
-    """Caps this process's address space at its present size plus size bytes; False if the system cannot."""
+    """Cap this process's address space at its present size plus size bytes, None for no cap. Return whether this was
+    possible."""
     try:
         import resource
 
@@ -127,7 +128,7 @@ def cap_memory(size: int | None) -> bool:
 
 
 def is_memory(error: BaseException | None) -> bool:
-    """Return whether lack of memory is the cause of an error, which libraries wrap in their own."""
+    """Return whether an error, or one that led to it, is a lack of memory; libraries wrap such errors in their own."""
     while error is not None:
         if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
             return True

@@ -36,7 +36,8 @@ LIMITS = ("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "lat
 
 
 def can_decode(stream: Stream) -> bool:
-    """Return whether the sandbox has the stream's codecs: no private codecs, and none that evaluates points."""
+    """Return whether the WebAssembly sandbox has a stream's codecs: neither private codecs nor a joint one that evaluates
+    points."""
     return stream.joint is None and all(values["codec_id"] in KNOWN for values in stream.attributes)
 
 
@@ -46,9 +47,9 @@ def is_here() -> bool:
 
 
 def decode_in_wasm(data: bytes, stream: Stream, options: DecodeOptions, report: Report) -> Texf:
-    """Decode in a WebAssembly sandbox; with options.isolate it is capped by limits.isolate_bytes and limits.isolate_seconds.
+    """Decode in a WebAssembly sandbox and return the Texf. options.isolate caps it by limits.isolate_bytes and isolate_seconds.
 
-    data: bytes; stream: of read_stream(). Raises the errors of decode(), and TXF-S40, TXF-L07, TXF-L08.
+    data: the stream; stream: the same, parsed by read_stream(). Raises the errors of decode(), and TXF-S40, TXF-L07, TXF-L08.
     """
     limits = options.limits if options.isolate else replace(options.limits, isolate_bytes=None, isolate_seconds=None)
     with report.stage("sandbox"):
@@ -59,7 +60,7 @@ def decode_in_wasm(data: bytes, stream: Stream, options: DecodeOptions, report: 
 
 
 class Sandbox:
-    """An instance of the module, for one stream."""
+    """An instance of the WebAssembly module, which decodes one stream; an Answer. limits: of the stream, its memory and time."""
 
     def __init__(self, limits: Limits) -> None:
         import wasmtime
@@ -85,7 +86,7 @@ class Sandbox:
         self._call("_initialize")
 
     def decode(self, data: bytes, lod: int) -> None:
-        """Decodes the stream. Raises StreamError or LimitError."""
+        """Decode a stream; array() then gives its arrays. lod: levels to omit. Raises StreamError, LimitError, SupportError."""
         values = [getattr(self.limits, name) or 0 for name in LIMITS]
         self.memory.write(self.store, struct.pack(f"<{len(values)}Q", *values), self._call("limits"))
         place = self._call("allocate", len(data) or 1)
@@ -95,7 +96,7 @@ class Sandbox:
         self._call("decode", place, len(data), lod)
 
     def array(self, kind: int, i: int = 0, j: int = 0, dtype: str = "u1") -> np.ndarray:
-        """See Answer."""
+        """Return a copy of a decoded array, read from the module's memory; arguments as of Answer.array()."""
         place, count = self._call("array", kind, i, j) & 0xFFFFFFFF, self._call("array_bytes") & 0xFFFFFFFF
         return np.frombuffer(self.memory.read(self.store, place, place + count) if place else bytearray(), dtype)
 

@@ -21,8 +21,8 @@ class Parameter:
 
     Attributes
     ----------
-    name : str
-        Of the row.
+    name, number : str, int
+        Its name in this package, and its number in the stream.
     extension, key : str
         Its place in glTF; "" for the material itself.
     default : tuple of float
@@ -42,7 +42,7 @@ class Parameter:
 
 
 def binary32(values: Iterable[float]) -> tuple[float, ...]:
-    """Numbers rounded to the binary32 of a stream.
+    """Round numbers to binary32 (IEEE single precision), in which a stream holds them.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def binary32(values: Iterable[float]) -> tuple[float, ...]:
     Returns
     -------
     tuple of float
-        Finite numbers beyond the range become the largest number in it; NaN and infinity are kept.
+        The rounded numbers. Finite numbers beyond the range become the largest number in it; NaN and infinity are kept.
     """
     return tuple(float(np.float32(v if math.isinf(v) else min(max(v, -LARGEST), LARGEST))) for v in values)
 
@@ -102,12 +102,12 @@ EXTENSIONS = frozenset(parameter.extension for parameter in PARAMETERS) - {"", P
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """One meaning of values.
+    """One quantity that a field or a material's map has values of, such as base colour or roughness.
 
     Attributes
     ----------
     name : str
-        Of the row.
+        Its name in this package.
     semantic, components : int
         As in the stream's channel groups.
     srgb : bool
@@ -212,7 +212,7 @@ PACKED_IMAGES = (("base_colour", "alpha"), ("occlusion", "roughness", "metallic"
 
 
 def channel_over(name: str, planar: bool) -> Channel:
-    """The channel that holds a material's channel in a field.
+    """Return the channel under which a field stores a material's channel; it differs for normals over voxels.
 
     Parameters
     ----------
@@ -231,12 +231,12 @@ def channel_over(name: str, planar: bool) -> Channel:
 
 
 def channels_of(groups: Iterable[dict]) -> tuple[tuple[Channel, ...], ...]:
-    """Channels of each of a stream's channel groups.
+    """Return the channels that each of a stream's channel groups codes together.
 
     Parameters
     ----------
     groups : list of dict
-        Syntax values, already checked.
+        Syntax elements of each group by name, already checked.
 
     Returns
     -------
@@ -247,7 +247,7 @@ def channels_of(groups: Iterable[dict]) -> tuple[tuple[Channel, ...], ...]:
 
 
 def group_values(channels: Sequence[Channel], grey: bool = False) -> dict:
-    """Syntax values of a channel group (5.3.1).
+    """Return the syntax elements that describe a channel group in a stream (5.3.1).
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def group_values(channels: Sequence[Channel], grey: bool = False) -> dict:
     Returns
     -------
     dict
-        By the names of the syntax table.
+        Values of the syntax elements by name.
     """
     components = 1 if grey else sum(channel.components for channel in channels)
     return {"num_semantics": len(channels), "group_semantics": [channel.semantic for channel in channels],
@@ -267,12 +267,12 @@ def group_values(channels: Sequence[Channel], grey: bool = False) -> dict:
 
 
 def needs_alpha(materials: Iterable) -> bool:
-    """Return whether a material in use reads alpha.
+    """Return whether any material uses alpha.
 
     Parameters
     ----------
     materials : iterable of Material
-        Those in use.
+        The materials that faces have.
 
     Returns
     -------
@@ -283,19 +283,19 @@ def needs_alpha(materials: Iterable) -> bool:
 
 
 def join_planes(planes: dict, count: int) -> np.ndarray:
-    """RGBA of the planes of base colour and alpha.
+    """Join the planes of base colour and alpha to RGBA.
 
     Parameters
     ----------
     planes : dict of str to uint8 [count, C]
-        By channel name; other channels are ignored.
+        Values of each channel by its name; other channels are ignored.
     count : int
-        Number of places.
+        Number of values of each plane.
 
     Returns
     -------
     uint8 [count, 4]
-        Columns without a plane are FULL.
+        RGBA; columns without a plane are FULL.
     """
     out = np.full((count, COLUMNS), FULL, np.uint8)
     for channel in COLOURS:

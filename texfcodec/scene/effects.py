@@ -28,14 +28,14 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One effect.
+    """A shading effect that materials may need, such as clearcoat.
 
     Attributes
     ----------
     bit : int
         Number of its bit in a mask.
     name : str
-        Of the row.
+        Its name in this package.
     used : function (Material) -> bool
         Whether a material needs it.
     channels, parameters : tuple of str
@@ -55,7 +55,7 @@ class Effect:
 
 
 def parameter(material: Material, name: str) -> tuple[float, ...]:
-    """A material's parameter, or its default.
+    """Return a material's parameter, or its default.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ EFFECT_OF = {name: effect for effect in EFFECTS for name in effect.channels}  # 
 
 
 def effects_of(material: Material) -> tuple[Effect, ...]:
-    """Effects that a material needs.
+    """Return the shading effects that a material needs.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def effects_of(material: Material) -> tuple[Effect, ...]:
 
 
 def without(material: Material, effect: Effect) -> Material:
-    """A copy of a material without the maps and parameters that an effect reads.
+    """Return a copy of a material without the maps and parameters that an effect reads.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def without(material: Material, effect: Effect) -> Material:
     Returns
     -------
     Material
-        Without metal its metallic factor is an explicit 0, because glTF's default is all metal.
+        The copy. If the effect is metal, its metallic factor is an explicit 0, because glTF's default is all metal.
     """
     maps = {name: texture for name, texture in material.maps.items() if name not in effect.channels}
     parameters = {name: value for name, value in material.parameters.items() if name not in effect.parameters}
@@ -176,7 +176,7 @@ def without(material: Material, effect: Effect) -> Material:
 
 
 def effects_mask(materials: Iterable[Material]) -> int:
-    """Bits of the effects that any of the materials needs.
+    """Return the effects that any of the materials needs, as a bit mask.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def effects_mask(materials: Iterable[Material]) -> int:
 
 
 def in_words(mask: int) -> list[str]:
-    """Names of the effects whose bits are set.
+    """Return the names of the effects whose bits are set in a mask.
 
     Parameters
     ----------

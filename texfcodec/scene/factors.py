@@ -14,7 +14,7 @@ NEUTRAL = {"anisotropy": (255.0, FLAT, 255.0)}  # values, but 255, of a map that
 
 
 def factor_of(parameters: dict, name: str) -> tuple[float, ...]:
-    """A parameter of a material.
+    """Return a parameter of a material, or its default.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def factor_of(parameters: dict, name: str) -> tuple[float, ...]:
 
 
 def set_factor(parameters: dict, name: str, value: tuple[float, ...]) -> None:
-    """Stores a parameter, in the binary32 of a stream, or removes it if it is the default.
+    """Set a parameter in a material's dict, rounded to binary32 as in a stream, or remove it if it is the default.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def set_factor(parameters: dict, name: str, value: tuple[float, ...]) -> None:
     name : str
         Of a row of channels.PARAMETERS.
     value : sequence of float
-        Its components.
+        Components of the parameter.
     """
     value = tuple(float(np.float32(v)) for v in value)
     parameters.pop(name, None)
@@ -50,7 +50,7 @@ def set_factor(parameters: dict, name: str, value: tuple[float, ...]) -> None:
 
 
 def says_nothing(channel: Channel, value: np.ndarray) -> bool:
-    """Return whether a map of one value has no effect, within TOLERANCE.
+    """Return whether a map that has the same value everywhere has no effect on the picture, within TOLERANCE.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def says_nothing(channel: Channel, value: np.ndarray) -> bool:
 
 
 def absorb(parameters: dict, channel: Channel, value: np.ndarray) -> bool:
-    """Merges a map of one value into the parameters, or drops it if it has no effect.
+    """Replace a map that has the same value everywhere by a factor: multiply the channel's parameter by it, if glTF has one.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def absorb(parameters: dict, channel: Channel, value: np.ndarray) -> bool:
     Returns
     -------
     bool
-        Whether that was possible.
+        True if the map can now be left out, also because it has no effect; False if it must stay.
     """
     name = channel.name
     if says_nothing(channel, value):
@@ -103,7 +103,7 @@ def absorb(parameters: dict, channel: Channel, value: np.ndarray) -> bool:
 
 
 def neutral_values(name: str) -> tuple[float, ...]:
-    """Values of a map that has no effect.
+    """Return the value that a map must have to have no effect.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def neutral_values(name: str) -> tuple[float, ...]:
 
 
 def linear_values(name: str, values: np.ndarray) -> np.ndarray:
-    """A map's values as linear light or data.
+    """Convert a map's values to 0..1, and colours from sRGB to linear light.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def linear_values(name: str, values: np.ndarray) -> np.ndarray:
 
 
 def with_factor(name: str, share: np.ndarray, factor: np.ndarray | None) -> np.ndarray:
-    """Final values: those of a map times the factor of its channel.
+    """Return the values that shading uses: those of a map times the factor of its channel.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def with_factor(name: str, share: np.ndarray, factor: np.ndarray | None) -> np.n
     Returns
     -------
     float32 [M, C]
-        Occlusion is mixed with 1 instead; of anisotropy only the strength is multiplied.
+        The product. Occlusion is mixed with 1 instead, by the factor; of anisotropy only the strength is multiplied.
     """
     if factor is None:
         return share

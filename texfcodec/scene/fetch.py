@@ -57,7 +57,7 @@ UV_OF_SOURCE = PackedSource._fields.index("corner_uv")
 
 
 def pack_source(scene: Scene, faces: np.ndarray | None = None) -> PackedSource:
-    """The scene's base colour as flat arrays.
+    """Pack what the base colour of faces depends on (images, factors, UVs, vertex colours) into flat arrays.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def pack_source(scene: Scene, faces: np.ndarray | None = None) -> PackedSource:
 
 
 def pack_map(scene: Scene, name: str, faces: np.ndarray | None = None) -> PackedSource:
-    """The map of a channel as flat arrays, as pack_source() for base colour.
+    """Pack the images and UVs of a channel's map into flat arrays, as pack_source() does for base colour.
 
     Parameters
     ----------
@@ -92,8 +92,8 @@ def pack_map(scene: Scene, name: str, faces: np.ndarray | None = None) -> Packed
     Returns
     -------
     PackedSource
-        Values without factors, 255 if a material has no map. The channel's components are in its columns; a component in alpha is
-        in the first column.
+        For sample_source(). Factors are not applied; values are 255 if a material has no map. The channel's components are in its
+        columns; a component in alpha is in the first column.
     """
     count = len(scene.materials)
     plain = np.ones((count, 4)), np.ones(count, np.uint8), np.zeros((0, 3, 4), np.float32)
@@ -103,7 +103,7 @@ def pack_map(scene: Scene, name: str, faces: np.ndarray | None = None) -> Packed
 
 
 def map_columns(name: str) -> list[int]:
-    """Columns of pack_map() that hold the components of a channel.
+    """Return which columns of sample_source(pack_map()) hold the components of a channel.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def map_columns(name: str) -> list[int]:
 
 
 def values_of_map(name: str, texels: np.ndarray) -> np.ndarray:
-    """A channel's values from texels of its image.
+    """Return a channel's values in texels of its image.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def values_of_map(name: str, texels: np.ndarray) -> np.ndarray:
 
 
 def sampled_values(name: str, sampled: np.ndarray) -> np.ndarray:
-    """A channel's values from samples of its packed map.
+    """Return a channel's values in samples of its packed map.
 
     Parameters
     ----------
@@ -162,12 +162,12 @@ def sampled_values(name: str, sampled: np.ndarray) -> np.ndarray:
 
 
 def wrapped(line: np.ndarray, size: int, mode: int) -> np.ndarray:
-    """Columns or rows of an image under a wrap mode.
+    """Map any column or row number into an image by a wrap mode.
 
     Parameters
     ----------
     line : int64 [N]
-        Any whole numbers.
+        Numbers of columns or rows, also outside the image.
     size : int
         Columns or rows of the image.
     mode : int
@@ -290,7 +290,7 @@ def _sample(source, face_index, bary, rgba, out):
 
 
 def sample_source(source: tuple, face_index: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
-    """Source colours at points of faces.
+    """Sample a packed source, bilinearly, at points of faces.
 
     Parameters
     ----------
@@ -306,7 +306,7 @@ def sample_source(source: tuple, face_index: np.ndarray, bary: np.ndarray, threa
     Returns
     -------
     float32 [M, 4]
-        0..255.
+        RGBA, 0..255; of pack_source() sRGB-coded, of pack_map() the image's columns.
 
     Raises
     ------

@@ -66,7 +66,7 @@ MOST_ANGLE = 180
 
 
 def rule_of(code: int, angle: int) -> NormalRule:
-    """The rule of the syntax elements normal_rule and normal_angle.
+    """Return the rule that the syntax elements normal_rule and normal_angle of a stream stand for.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ import numpy as np
 
 
 def srgb_to_linear(v: np.ndarray) -> np.ndarray:
-    """Linear values of sRGB-coded ones.
+    """Convert sRGB-coded values to linear light.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def srgb_to_linear(v: np.ndarray) -> np.ndarray:
 
 
 def linear_to_srgb(v: np.ndarray) -> np.ndarray:
-    """sRGB-coded values of linear ones.
+    """Convert linear light to sRGB-coded values.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def linear_to_srgb(v: np.ndarray) -> np.ndarray:
 
 
 def to_bytes(values: np.ndarray) -> np.ndarray:
-    """Values rounded to uint8.
+    """Round values to uint8.
 
     Parameters
     ----------

@@ -30,8 +30,8 @@ from .syntax_check import STAND_IN, Parsed
 
 
 def decode_contents(parsed: Parsed, options: DecodeOptions, report: Report) -> None:
-    """Decodes all that can be decoded, and adds findings to the listing and units to the checked ones. report: gets seconds by
-    stage."""
+    """Decode everything of a stream that its faults leave decodable. Adds findings to parsed.listing and the numbers of the
+    units checked to parsed.checked; report gets seconds by stage."""
     if parsed.stream.header:
         _Contents(parsed, options, report).decode()
 

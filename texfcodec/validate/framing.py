@@ -29,7 +29,8 @@ class Frames(NamedTuple):
 
 
 def read_frames(data: bytes, max_file_bytes: int | None, listing: Listing) -> Frames | None:
-    """Frames of a stream; None if the stream cannot be judged beyond its first bytes. Adds findings to listing."""
+    """Read the sequence of units of a stream, without their payloads. Adds findings to listing. Return None if the signature,
+    the version or max_file_bytes already rules out the rest."""
     try:
         check_start(data, max_file_bytes)
     except TexfError as error:

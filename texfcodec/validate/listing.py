@@ -19,7 +19,7 @@ WORST_FIRST = (EXIT_STREAM, EXIT_SUPPORT, EXIT_LIMIT)
 
 @dataclass(frozen=True)
 class Oddity:
-    """A finding that is not an error. code: of findings.py; the rest: as the details of a TexfError."""
+    """A finding that is not an error: a warning or a note. code: TXF-W.. of findings.py; the other fields: as of a TexfError."""
 
     code: str
     message: str
@@ -30,7 +30,7 @@ class Oddity:
 
 
 class Listing:
-    """Findings so far. units: those of the stream, whose numbers the rows contain."""
+    """Findings about a stream so far. units: of the stream; the rows say in which of them each finding is."""
 
     def __init__(self, units: Sequence[Unit] = ()) -> None:
         self.units = units
@@ -39,12 +39,12 @@ class Listing:
         self.blamed: set[int] = set()  # numbers of units with an error
 
     def error(self, error: TexfError, number: int | None = None) -> None:
-        """Adds an error. number: of its unit."""
+        """Add an error. number: index of its unit in units; if None, the unit that contains the error's offset."""
         self.blamed |= set() if number is None else {number}
         self._add(error.code, error.message, error.details, number)
 
     def oddity(self, oddity: Oddity, number: int | None = None) -> None:
-        """Adds an oddity. number: of its unit."""
+        """Add a warning or note. number: index of its unit in units; if None, the unit that contains its offset."""
         self._add(oddity.code, oddity.message, vars(oddity), number)
 
     def _add(self, code, message, details, number):
@@ -85,7 +85,7 @@ class Listing:
         return {code: count - MOST_OF_A_CODE for code, count in self.of_code.items() if count > MOST_OF_A_CODE}
 
     def exit_code(self, strict: bool = False) -> int:
-        """Exit code of the worst finding. strict: whether warnings count."""
+        """Return the exit code of texf-validate for the worst finding. strict: whether warnings count."""
         codes = {BY_CODE[code].exit_code for code in self.of_code if BY_CODE[code].severity == ERROR}
         worst = next((code for code in WORST_FIRST if code in codes), EXIT_OK)
         return EXIT_DIFFERS if worst == EXIT_OK and strict and self.rows[WARNING] else worst

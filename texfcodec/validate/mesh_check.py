@@ -16,7 +16,8 @@ AXIS_BITS = 20  # of a packed coordinate
 
 
 def of_draco(values: dict, position_bits: int) -> Iterator[Oddity]:
-    """Oddities of a geometry unit's syntax values, which decode without error."""
+    """Yield a warning (Oddity) if Draco data has unused bytes. values: syntax elements of the geometry unit, which decodes
+    without error."""
     length = len(values["draco_data"])
     end = draco_end(values, position_bits)
     if end < length:
@@ -25,10 +26,10 @@ def of_draco(values: dict, position_bits: int) -> Iterator[Oddity]:
 
 
 def draco_end(values: dict, position_bits: int) -> int:
-    """Number of bytes of a unit's Draco data that its faces need.
+    """Return how many bytes of a geometry unit's Draco data its decoding needs. values: the unit's syntax elements.
 
-    Draco does not report where it stops, so shorter data are tried: one byte less, which is the only try on data without surplus,
-    then halves of the possible surplus.
+    Draco does not report where it stops, so shorter data are tried: one byte less, which is the only try on data without
+    surplus, then halves of the possible surplus.
     """
     data = values["draco_data"]
 
@@ -47,7 +48,7 @@ def draco_end(values: dict, position_bits: int) -> int:
 
 
 def of_faces(unit: GeometryUnit) -> Iterator[Oddity]:
-    """Oddities of one geometry unit."""
+    """Yield a finding (Oddity) if faces of a geometry unit have no area."""
     flat = sum(int(_flat(unit.lattice, unit.faces[i : i + FACES_AT_ONCE]).sum())
                for i in range(0, len(unit.faces), FACES_AT_ONCE))
     if flat:
@@ -60,7 +61,7 @@ def _flat(lattice, faces):
 
 
 def of_mesh(units: list[GeometryUnit], position_bits: int) -> Iterator[Oddity]:
-    """Oddities of all geometry units together."""
+    """Yield findings (Oddity) on all geometry units: faces that occur twice, positions that use half of the lattice or less."""
     twice, total = _twice(units), sum(len(unit.faces) for unit in units)
     if twice:
         yield Oddity("TXF-W16", f"{twice} of {total} faces are repeated", "5.6", value=twice)

@@ -21,13 +21,13 @@ FEW_TEXELS = 16  # an image that is asked for less than one in so many
 
 
 def of_metadata(value: dict | None) -> Iterator[Oddity]:
-    """Oddities of the metadata. value: of decoder.json_object()."""
+    """Yield a warning (Oddity) if the metadata unit is not a JSON object. value: the object, None if it is none."""
     if value is None:
         yield Oddity("TXF-W02", "the metadata unit is not a JSON object", "5.8")
 
 
 def of_materials(stream: Stream, geometry: bool) -> Iterator[Oddity]:
-    """Oddities of the materials: names, use and effects. geometry: whether all geometry units are there."""
+    """Yield findings (Oddity) on names, use and effects of the materials. geometry: whether all geometry units are readable."""
     for number, values in enumerate(stream.materials):
         yield from _of_name(values["material_name"], number)
         yield from _of_effects(values, number)
@@ -59,7 +59,7 @@ def _of_effects(values, number):
 
 
 def of_header(stream: Stream, materials: bool) -> Iterator[Oddity]:
-    """Oddities of the sequence header. materials: whether they are known."""
+    """Yield findings (Oddity) on the sequence header. materials: whether the materials of the stream are readable."""
     header = stream.header
     semantics = {semantic for group in header["channel_groups"] for semantic in group["group_semantics"]}
     opaque = all(values["alpha_mode"] == ALPHA_OPAQUE for values in stream.materials)
@@ -72,7 +72,7 @@ def of_header(stream: Stream, materials: bool) -> Iterator[Oddity]:
 
 
 def of_units(stream: Stream) -> Iterator[tuple[int, Oddity]]:
-    """(index, oddity) of geometry units that could be merged."""
+    """Yield (index, finding) for each geometry unit that repeats the field and material of an earlier one."""
     first: dict[tuple, int] = {}
     for number, unit in enumerate(stream.geometry):
         pair = (unit["field_index"], unit["material_index"])
@@ -82,7 +82,7 @@ def of_units(stream: Stream) -> Iterator[tuple[int, Oddity]]:
 
 
 def of_field(values: dict, count: int, position_bits: int) -> Iterator[Oddity]:
-    """Oddities of a field. count: number of keys of its support."""
+    """Yield findings (Oddity) on a field unit. values: its syntax elements; count: voxels or texels in its support."""
     if count == 1:
         yield Oddity("TXF-W19", "the field has a single value for its whole surface", "5.5", value=1)
     if values["support"] == SUPPORT_TEXELS:
@@ -96,7 +96,7 @@ def of_field(values: dict, count: int, position_bits: int) -> Iterator[Oddity]:
 
 
 def of_attribute(values: dict, cells: int, stream: Stream) -> Iterator[Oddity]:
-    """Oddities of an attribute unit. cells: number of cells of its plane."""
+    """Yield findings (Oddity) on an attribute unit. values: its syntax elements; cells: cells that its plane has values of."""
     if values["level_shift"] and cells == 1 and cells_a_side(stream.fields[values["field_index"]]) > 1:
         yield Oddity("TXF-W21", "level_shift leaves a single cell", "5.7", values["offset"], values["level_shift"])
     if values["codec_id"] in PRIVATE_IDS:

@@ -17,9 +17,10 @@ from .validate import OUTCOME, ROW, validate
 
 
 def validate_isolated(data: bytes, limits: Limits | None = None, threads: int = 1, report: Report | None = None) -> dict:
-    """Validate with Draco and the kernels in a child process capped by limits.isolate_bytes and limits.isolate_seconds.
+    """Validate a stream as validate() does, with Draco and the kernels in a child process; return the same dict.
 
-    If the child breaks, the findings are those of the syntax and the error for the child.
+    limits.isolate_bytes and limits.isolate_seconds cap the child. If it breaks, the findings are those of the syntax and the
+    error for the child.
     """
     limits, report = limits or Limits(), report or Report()
     try:

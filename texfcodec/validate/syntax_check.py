@@ -50,7 +50,8 @@ class Parsed:
     checked: set[int] = field(default_factory=set)
 
     def has_all(self, kind: int) -> bool:
-        """Return whether all units of a kind are there and without fault, by the sequence header's count."""
+        """Return whether all units of a type are readable and as many as the sequence header says. kind: UNIT_FIELD,
+        UNIT_GEOMETRY or UNIT_MATERIALS."""
         counts = {UNIT_FIELD: (self.stream.fields, "num_fields"), UNIT_GEOMETRY: (self.stream.geometry, "num_geometry_units"),
                   UNIT_MATERIALS: (self.stream.materials, "num_materials")}
         held, count = counts[kind]
@@ -64,7 +65,7 @@ class Parsed:
 
 
 def parse(data: bytes, limits: Limits) -> Parsed:
-    """Reads all of a stream that can be read. The listing of the result has the errors and oddities."""
+    """Read the syntax of a stream as far as its faults allow, and return it as Parsed, whose listing has the findings."""
     parsed = Parsed(listing=Listing())
     frames = read_frames(data, limits.file_bytes, parsed.listing)
     if frames is None:

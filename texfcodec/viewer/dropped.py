@@ -27,8 +27,11 @@ ALONE = "a dropped file arrives without the files that it names; open it with te
 
 
 def glb_of_dropped(data: bytes, name: str, limits: Limits | None = None) -> bytes:
-    """A GLB (viewer.glb) of the bytes of a mesh; name: what the page calls it, whose suffix is the format where the
-    first bytes are not those of a GLB. Raises TexfError."""
+    """Convert a mesh that the user drops on the page to the bytes of a GLB, in a child process with capped memory and time.
+
+    data: bytes of the mesh file; name: its name on the page, whose suffix gives the format unless data is a GLB. Raises
+    TexfError.
+    """
     if not data:
         raise InputError("TXF-I04", "the file is empty", path=name)
     suffix = Path(name).suffix.lower()

@@ -28,13 +28,15 @@ NOT_SQUARES, SQUARES = (9729, 9987), (9728, 9728)  # filters of a sampler
 
 
 def glb_of_asset(path: str, scene: Scene) -> bytes:
-    """The bytes of a GLB file if the page reads them as they are, else those of glb_of_scene()."""
+    """Return the bytes of a GLB of a mesh for the page: the file at path if three.js reads it as it is, else the Scene as a
+    GLB."""
     own = Path(path).read_bytes() if path.lower().endswith(".glb") else b""
     return own if is_read(own) else glb_of_scene(scene)
 
 
 def is_read(data: bytes) -> bool:
-    """Return whether GLTFLoader reads a file as it is: a GLB that names no other file and uses nothing of NOT_READ."""
+    """Return whether GLTFLoader of three.js reads these bytes as they are: a GLB that refers to no other file and uses no
+    extension in NOT_READ."""
     try:
         magic, version, _, length, kind = struct.unpack_from("<4sIIII", data)
         document = json.loads(data[20 : 20 + length])
@@ -47,7 +49,7 @@ def is_read(data: bytes) -> bool:
 
 
 def glb_of_scene(scene: Scene) -> bytes:
-    """A GLB of a Scene: every map with its own UVs, images as PNG; asset.extras.texf holds its warnings."""
+    """Return the bytes of a GLB of a Scene: each map with its own UVs, images as PNG, warnings in asset.extras.texf."""
     document = Document({"warnings": list(scene.warnings)})
     sets, textures = uv_sets(scene), list(scene.textures)
     entries = [_entry(scene, material, sets, textures) for material in scene.materials]
@@ -63,7 +65,7 @@ def glb_of_scene(scene: Scene) -> bytes:
 
 
 def uv_sets(scene: Scene) -> list[np.ndarray]:
-    """The UVs that maps of a Scene have, float64 [F, 3, 2] each, those of base colour first."""
+    """Return the distinct UV sets that the maps of a Scene use, float64 [F, 3, 2] each, that of base colour first."""
     sets = [scene.corner_uv]
     for uv in scene.map_uv.values():
         if not any(uv is other for other in sets):

@@ -24,10 +24,11 @@ _BREAKS_OUT = re.compile(r"<(?=/(?:script|style)|!--|script)", re.IGNORECASE)
 
 def export_page(assets: Sequence[Shown], title: str, start: dict | None = None, version: str = "", *,
                 limits: Limits | None = None) -> bytes:
-    """The page with these assets in it, as one HTML file.
+    """Return the viewer's page as one HTML file (UTF-8) that contains these assets, the viewer and the decoder.
 
-    title: as text; start: JSON-ready, how the page is to begin; version: of the package; limits: of streams that are dropped on
-    it. Its policy forbids every request, and every script and style but those that it holds.
+    title: plain text; start: JSON-ready first state of the page (camera, mode, ...), as of texf-view; version: of the package;
+    limits: for streams that are dropped on it. Its content security policy forbids all requests, and all scripts and styles but
+    its own.
     """
     read = lambda name: (WEB / name).read_text(encoding="utf-8")
     style, boot, viewer = inlined(read("style.css"), "\\3c "), inlined(read("boot.js"), "\\x3c"), (WEB / "viewer.js").read_bytes()
@@ -51,19 +52,19 @@ def _with_parts(page, parts):
 
 
 def policy(scripts: Sequence[bytes], style: bytes) -> str:
-    """The Content-Security-Policy of a page with these scripts and this style, named by their digests."""
+    """Return the Content-Security-Policy of a page that allows only these scripts and this style, by their SHA-256."""
     digest = lambda data: f"'sha256-{base64.b64encode(hashlib.sha256(data).digest()).decode()}'"
     return (f"default-src 'none'; script-src {' '.join(map(digest, scripts))} 'wasm-unsafe-eval'; worker-src blob:; "
             f"style-src {digest(style)}; img-src blob: data:; connect-src blob: data:; base-uri 'none'; form-action 'none'")
 
 
 def packed(data: bytes) -> str:
-    """Bytes deflated and in base 85, with a comma in place of "<": a quarter longer than its bytes, where base 64 is a
-    third, and nothing in it can end the element that it stands in. web/boot.js reads it."""
+    """Return the bytes deflated and in base 85 with "," for "<", as text inside an HTML element; web/boot.js reads it. Base 85
+    adds a quarter to the size, base 64 a third."""
     return base64.b85encode(zlib.compress(data, 9)).decode().replace("<", ",")
 
 
 def inlined(text: str, less: str) -> str:
-    """A script or style that can stand within an HTML element: the "<" of what would end it, or open a comment, is written as the
-    language writes it in strings. Line ends are those that a parser of HTML makes of them, before a digest is taken."""
+    """Return a script or style as it can stand inside an HTML element, with the line ends that an HTML parser makes. less:
+    escape of "<" in strings of that language, which replaces it where it would end the element or open a comment."""
     return _BREAKS_OUT.sub(lambda _: less, text.replace("\r\n", "\n").replace("\r", "\n"))

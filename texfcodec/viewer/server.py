@@ -52,7 +52,8 @@ LONGEST_NAME = 255
 
 
 class Shown(NamedTuple):
-    """An asset that the page shows. size: bytes of its files; data: a stream or a GLB; warnings: a sentence each."""
+    """An asset that the page shows. size: bytes of its source files; data: a .texf stream or a GLB; warnings: a sentence
+    each."""
 
     name: str
     size: int
@@ -61,11 +62,11 @@ class Shown(NamedTuple):
 
 
 class ViewServer:
-    """Context manager: serves the page at .address until it is left.
+    """Context manager: serves the page at .address to this machine until the block ends.
 
-    assets: what it shows; drop: function of the bytes of a mesh that somebody drops on the page and its name -> GLB, or None
-    where the page takes streams and GLB files alone; it raises TexfError. start: JSON-ready, how the page is to begin; version:
-    the package's; port: 0 for any that is free; limits: of streams and of a request.
+    assets: what the page shows; drop(data, name): converts a mesh file that the user drops on the page to a GLB, or raises
+    TexfError; without it the page takes streams and GLB files alone. start: JSON-ready first state of the page (camera, mode,
+    ...); version: the package's; port: 0 for any that is free; limits: of streams and of a request.
     """
 
     def __init__(self, assets: Sequence[Shown], drop: Callable[[bytes, str], bytes] | None = None, *, start: dict | None = None,
@@ -105,8 +106,8 @@ class ViewServer:
 
 
 def about_page(assets: Sequence[Shown], drop: bool, start: dict | None, version: str, limits: Limits) -> dict:
-    """Facts that a page needs to know of itself: what it shows, whether it can have meshes read that are dropped on it, how it is
-    to begin, what streams may ask for, and the light."""
+    """Return what the page needs to know about itself, JSON-ready: its assets, version, first state, limits of streams, and
+    light. drop: whether a server converts meshes that are dropped on it; start: first state, such as camera and mode."""
     words = {name: name.partition("_")[0] + "".join(part.title() for part in name.split("_")[1:]) for name in LIMITS}
     lights = [{"direction": light.direction.tolist(), "irradiance": light.irradiance.tolist()} for light in DAYLIGHT.lights]
     rows = [{"name": asset.name, "bytes": asset.size, "warnings": asset.warnings} for asset in assets]
@@ -183,7 +184,8 @@ class _Visit(BaseHTTPRequestHandler):
         pass
 
     def send_error(self, code, message=None, explain=None):
-        """Answer what the base class refuses: methods, lines and heads that are too long."""
+        """Answer a request that the base class refuses, such as an unknown method or a head that is too long. code: HTTP
+        status."""
         self._refuse(code, message or "refused")
 
     def do_GET(self):

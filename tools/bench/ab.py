@@ -49,7 +49,7 @@ SPEED = ("-m", "pytest", "-q", "tools/bench/test_speed.py", "-p", "no:cacheprovi
 
 @contextmanager
 def checked_out(name, repository=REPOSITORY):
-    """The folder of a checkout, or one with a commit of the repository while the block runs."""
+    """Context manager: the folder of a checkout. name: that folder, or a commit, which is checked out while the block runs."""
     if Path(name).is_dir():
         yield Path(name).resolve()
         return
@@ -63,8 +63,8 @@ def checked_out(name, repository=REPOSITORY):
 
 
 def timed(words, root, cache=None):
-    """{"wall", "processor" in seconds, "memory" in bytes} of a Python process with the package of a checkout; CalledProcessError:
-    it failed. cache: folder of compiled kernels."""
+    """Run Python with the package of a checkout; return {"wall", "processor": seconds, "memory": peak bytes}. words: arguments
+    of Python; root: the checkout; cache: folder for compiled kernels. Raises CalledProcessError if it fails."""
     variables = os.environ | {"PYTHONPATH": str(root)} | ({"NUMBA_CACHE_DIR": str(cache)} if cache else {})
     begin = time.monotonic()
     process = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL, env=variables, cwd=root)
@@ -76,7 +76,7 @@ def timed(words, root, cache=None):
 
 
 def watched(kind, root, words, cache=None):
-    """What watch() says of a process."""
+    """Run watch() in a process with the package of a checkout and return its result; words: a module and its arguments."""
     with tempfile.TemporaryDirectory() as folder:
         answer = Path(folder) / "answer.json"
         timed([__file__, WATCH, kind, str(answer), *words], root, cache)
@@ -87,8 +87,8 @@ def watched(kind, root, words, cache=None):
 
 
 def watch(kind, module, words):
-    """Runs a module of the command line; {"wall": seconds, and by name the seconds of functions ("costs") or kernels
-    ("compiled")}."""
+    """Run a module of the command line here; return {"wall": seconds, kind: {name: seconds}}. kind: "costs" samples the time of
+    each function, "compiled" counts the compilation of each kernel; words: arguments."""
     import runpy
 
     spent, over, samples = Counter(), threading.Event(), [0]
@@ -114,8 +114,8 @@ def watch(kind, module, words):
 
 
 def place_of(frame):
-    """The innermost function of the package that a thread is in, as "room.file.function"; "imports" while it imports, None where
-    it waits or is not in the package."""
+    """Return the package's innermost function that a thread is in as "room.file.function"; "imports" during an import, None if
+    the thread waits or is elsewhere. frame: the thread's innermost."""
     if (os.path.basename(frame.f_code.co_filename), frame.f_code.co_name) in WAITS:
         return None
     while frame is not None:
@@ -129,7 +129,7 @@ def place_of(frame):
 
 
 def count_compiled(spent):
-    """From now on the seconds of every kernel that Numba compiles are added to a Counter, without those of kernels within."""
+    """From now on add the seconds that Numba takes for each kernel, without kernels within, to spent, a Counter."""
     from numba.core import compiler
 
     inner, usual = [0.0], compiler.compile_extra
@@ -151,13 +151,13 @@ def count_compiled(spent):
 
 
 def words_of(asset, stream, mesh, rate):
-    """{"encode", "save": words of the command line}."""
+    """Return {"encode": [...], "save": [...]}, the arguments of texf-enc and texf-dec for paths and a rate such as "r04"."""
     return {"encode": [str(asset), str(stream), "--rate", rate], "save": [str(stream), str(mesh), "--overwrite"]}
 
 
 def measure(kind, roots, asset, rate):
-    """{"encode", "save": {side: timed(), with "bytes" and "sha256" of what was written, or watched()}} of an asset. Both sides
-    save the stream of the second."""
+    """Encode an asset and save it as GLB on both sides; return {"encode", "save": {side: row}}: rows of timed() with "bytes" and
+    "sha256" of the file, for kind "costs" those of watched(). roots: the checkouts. Both save the second's stream."""
     runs = {}
     with tempfile.TemporaryDirectory() as folder:
         files = {"encode": Path(folder) / "out.texf", "save": Path(folder) / "out.glb"}
@@ -176,8 +176,8 @@ def _content(path):
 
 
 def first_runs(root, asset):
-    """{"texf-enc", "texf-dec": watched(), with the number of "files" in a cache that was empty}; one thread and one process each,
-    so that all is seen; usually two processes share the work."""
+    """Encode and decode an asset with empty kernel caches; return {"texf-enc", "texf-dec": watched() with "files", their number
+    in the cache}. Each has one process of one thread, so that all is seen; usually two processes share the work."""
     runs = {}
     with tempfile.TemporaryDirectory() as folder:
         words = words_of(asset, Path(folder) / "out.texf", Path(folder) / "out.glb", "r04")
@@ -190,8 +190,8 @@ def first_runs(root, asset):
 
 
 def speed(roots, rounds, only):
-    """Runs both sides' benchmarks in turns, kept by pytest-benchmark; prints its comparison. The first round compiles and does
-    not count."""
+    """Run the benchmarks of test_speed.py in two checkouts in turn and print the comparison. roots: the checkouts; rounds: that
+    count, after a first one that compiles; only: pytest's -k, or None."""
     with tempfile.TemporaryDirectory() as folder:
         for number in range(rounds + 1):
             for side, root in zip(SIDES, roots, strict=True):
@@ -206,7 +206,8 @@ def speed(roots, rounds, only):
 
 
 def page_of(kind, report):
-    """The page of {"commits": of the sides, "machine", "rate", "rows": {asset: measured}}, Markdown."""
+    """Return the Markdown page of a report: {"commits": of the sides, "machine", "rate", "rows": {asset: measured}}. kind:
+    "pairs", "costs" or "compiled"."""
     from tools.bench.result_tables import wrapped
 
     lines = {"pairs": pairs_lines, "costs": costs_lines, "compiled": compiled_lines}[kind](report)
@@ -219,7 +220,7 @@ def _origin(kind, report):
 
 
 def pairs_lines(report):
-    """Seconds, memory and bytes, an asset a line."""
+    """Return the page that compares seconds, memory and bytes of two sides, as lines, an asset a row. report: see page_of()."""
     from tools.bench.result_tables import markdown_table
 
     table, ratios = [], {}
@@ -246,7 +247,7 @@ def pairs_lines(report):
 
 
 def costs_lines(report):
-    """The largest costs of either side, a table an asset and tool."""
+    """Return the page with the largest costs of either side, as lines, a table per asset and tool. report: see page_of()."""
     from tools.bench.result_tables import markdown_table
 
     lines = ["# Where the seconds go", "", f"{_origin('costs', report)}; rate {report['rate']}, compiled kernels, one run each. "
@@ -266,7 +267,7 @@ def costs_lines(report):
 
 
 def compiled_lines(report):
-    """What a first run compiles: in all, by room, and the longest."""
+    """Return the page on what a first run compiles, as lines: in all, by room, the longest. report: see page_of()."""
     from tools.bench.result_tables import markdown_table
 
     (asset, row), = report["rows"].items()
@@ -290,7 +291,7 @@ def compiled_lines(report):
 
 
 def run(args):
-    """Measures what the command line asks for and prints its page."""
+    """Measure what the parsed arguments request, unless they name no assets, and print and write the page."""
     from tools.bench.provenance import machine, state_of
 
     sides = 1 if args.kind == "compiled" else 2
@@ -316,7 +317,7 @@ def run(args):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=("pairs", "costs", "compiled", "speed"))
     parser.add_argument("words", nargs="*", metavar="CHECKOUT ... ASSET", help="the checkouts, then assets")

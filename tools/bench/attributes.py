@@ -80,8 +80,8 @@ SIZE = re.compile(r"^colors bitstream size (\d+) B", re.MULTILINE)
 
 @dataclass
 class Points:
-    """What is coded, in Morton order. keys: int64 [N]; rgb: uint8 [N, 3]; resolution: of their grid; area: uint16 [N] and anchor:
-    its "points_rd", of a cloud; image: uint8 [H, W, 3] and mask: bool [H, W], of texels."""
+    """Points to code, in Morton order. keys: int64 [N]; rgb: uint8 [N, 3]; resolution: of their grid; of a cloud, area: weights
+    uint16 [N], anchor: its rate points "points_rd"; of texels, image: uint8 [H, W, 3], mask: bool [H, W], the used ones."""
 
     name: str
     keys: np.ndarray
@@ -97,12 +97,12 @@ class Points:
         return octree_depth(self.resolution)
 
     def qps(self, qp):
-        """QP of each component."""
+        """Return the QPs of the three colour components: qp, and qp with the offset of chroma."""
         return [qp, *[max(qp + (TEXEL_OFFSET if self.mask is not None else CLOUD_OFFSET), 0)] * 2]
 
 
 def load_clouds(folder):
-    """The Points of a folder's clouds, by name; ends the program where there are none."""
+    """Yield the Points of each cloud NAME.npz in a folder, sorted by name. Ends the program if there is none."""
     paths = sorted(folder.glob("*.npz"))
     if not paths:
         raise SystemExit(f"no NAME.npz in {folder}")
@@ -114,7 +114,7 @@ def load_clouds(folder):
 
 
 def load_texels(path, crop=None):
-    """The Points of the largest base-colour image of an asset."""
+    """Return the used texels of an asset's largest base-colour image as Points. crop: as of texels_of()."""
     scene = load(path)
     number = max(sorted({m.texture for m in scene.materials} - {-1}), key=lambda t: scene.textures[t].image.size)
     texture = scene.textures[number]
@@ -129,7 +129,8 @@ def load_texels(path, crop=None):
 
 
 def texels_of(name, image, mask, crop=None):
-    """The Points of the used texels, bool [H, W], of an image uint8 [H, W, 3]; crop: of the window of that side with the most."""
+    """Return the used texels of an image as Points. image: uint8 [H, W, 3]; mask: bool [H, W]; crop: take only the square window
+    of that side with the most used texels."""
     if crop:
         height, width = (max(1, n - crop + 1) for n in mask.shape)
         places = [(y, x) for y in range(0, height, max(crop // 4, 1)) for x in range(0, width, max(crop // 4, 1))]
@@ -142,15 +143,15 @@ def texels_of(name, image, mask, crop=None):
 
 
 def choose(points, qp, effort, threads=2, planar=None):
-    """The encoder's own choice: (Tools, seconds it took)."""
+    """Choose coding tools as the encoder does; return (Tools, seconds). planar: whether as for texels, default: by points."""
     values, begin = forward_colour(points.rgb), time.perf_counter()
     planar = points.mask is not None if planar is None else planar
     return choose_tools(points.keys, points.depth, values, points.qps(qp), effort, threads, planar), time.perf_counter() - begin
 
 
 def code(points, qp, tools, threads=2):
-    """One encode with the Tools given and one decode: (syntax values, decoded rgb, seconds of encoding, of decoding). Ends the
-    program where decoder and encoder disagree."""
+    """Encode points with the given Tools and decode them; return (syntax values, decoded rgb, seconds to encode, seconds to
+    decode). Ends the program if decoder and encoder disagree."""
     values, begin = forward_colour(points.rgb), time.perf_counter()
     coded, means = enc_attributes(points.keys, points.depth, values, points.qps(qp), tools, threads)
     middle, fields = time.perf_counter(), raht_values(coded, True)
@@ -163,18 +164,18 @@ def code(points, qp, tools, threads=2):
 
 
 def decode(keys, depth, fields, threads):
-    """Values int32 [N, 3] from the syntax values of raht_values."""
+    """Return decoded values int32 [N, 3]. keys: Morton keys; depth: of their octree; fields: syntax values of raht_values."""
     coded, spans = coded_of(fields)
     return dec_attributes(keys, depth, coded, np.frombuffer(fields["codeword_data"], np.uint8), spans, depth, threads)
 
 
 def unit_bytes(points, fields):
-    """Bytes of an attribute unit's parameters and codewords."""
+    """Return the bytes of an attribute unit with these syntax values: parameters and codewords."""
     return len(write_structure(RAHT, {**fields, "resolution": points.resolution, "NumComponents": 3}))
 
 
 def rate_point(points, qp, tools):
-    """One point of a rate curve: {"qp", "bytes"} and PSNR values, weighted by area too where there is one."""
+    """Code points at a QP; return {"qp", "bytes"} and PSNRs in dB, for a cloud also "psnr_y_area", weighted by area."""
     fields, decoded, *_ = code(points, qp, tools)
     out = {"qp": qp, "bytes": unit_bytes(points, fields), **psnr_3d(points.rgb, decoded)}
     if points.area is not None:
@@ -185,7 +186,7 @@ def rate_point(points, qp, tools):
 
 
 def rate_difference(anchor, rows, key):
-    """BD-rate of rate points against others by one of their PSNRs, percent."""
+    """Return the BD-rate of rate points (rows) against others (anchor) in percent. key: name of the PSNR that is compared."""
     return bd_rate([p["bytes"] for p in anchor], [p[key] for p in anchor], [p["bytes"] for p in rows], [p[key] for p in rows])
 
 
@@ -193,7 +194,7 @@ def rate_difference(anchor, rows, key):
 
 
 def seconds_per_point(points, effort, threads):
-    """[Of choosing and encoding, of decoding], medians of RUNS."""
+    """Return [seconds per point to choose tools and encode, to decode], medians of RUNS runs."""
     runs = []
     for _ in range(RUNS):
         tools, choosing = choose(points, TIMED_QP, effort, threads)
@@ -203,7 +204,7 @@ def seconds_per_point(points, effort, threads):
 
 
 def growth_of_decoding(warm, keys, depth, fields):
-    """Bytes by which decoding lifts this process's resident memory; warm: keys, depth, fields of a small cloud, decoded first."""
+    """Return the bytes by which decoding raises this process's peak memory. warm: (keys, depth, fields) to decode first."""
     decode(*warm, 2)
     forget_peak()
     before = resident("VmRSS")
@@ -212,7 +213,7 @@ def growth_of_decoding(warm, keys, depth, fields):
 
 
 def decoder_memory(points, effort):
-    """Peak memory of decoding in bytes, by growth_of_decoding in a fresh process; None where the system does not tell."""
+    """Return the bytes of growth_of_decoding() for points, in a fresh process; None if the system does not report memory."""
     if not RECORD.exists():
         return None
     tools, _ = choose(points, TIMED_QP, effort)
@@ -227,7 +228,7 @@ def decoder_memory(points, effort):
 
 
 def anchor(args):
-    """JSON of all clouds against their anchors."""
+    """Return [JSON text] that compares all clouds of a folder with their anchors: BD-rates, speed, memory. args: of main()."""
     clouds = {}
     for points in load_clouds(args.sources[0]):
         rows = [rate_point(points, qp, choose(points, qp, args.effort)[0]) for qp in args.qps(CLOUD_QPS)]
@@ -248,14 +249,14 @@ def anchor(args):
 
 
 def changes_at(effort, changes):
-    """Names of changes that change something at an effort, the complete set first."""
+    """Return the names of changes {name: {field of Tools: value}} that alter an effort's tools, the complete set first."""
     tools = EFFORTS[effort]
     return [name for name, change in changes.items() if name in (COMPLETE, CHOICE_OFF) or replace(tools, **change) != tools]
 
 
 def tools(args):
-    """A row per change: BD-rate Y and RGB against the complete set, positive: more bytes, a column per source and their mean; of
-    clouds seconds per million points too. The kernel stays as the complete set has chosen it."""
+    """Return a Markdown table with a row per changed tool: BD-rates of Y and RGB against the complete set (positive: more bytes)
+    by source, and their mean; for clouds also seconds per million points. The kernel stays as the complete set has chosen it."""
     is_clouds = args.sources[0].is_dir()
     changes = CLOUD_CHANGES if is_clouds else TEXEL_CHANGES
     changed_rows, names = {}, changes_at(args.effort, changes) if is_clouds else list(changes)
@@ -285,8 +286,8 @@ def tools(args):
 
 
 def tmc13(args):
-    """Millions of points a second of TMC13 and of each effort in one thread, encoding with the choice of tools; all take turns,
-    and the fastest of each counts. TMC13's times are those that its log gives for the attributes, summed over its slices."""
+    """Return a Markdown table of the speed of TMC13 and of each effort in one thread, in millions of points per second, choice
+    of tools included. All take turns, the fastest run counts. TMC13's times are its log's for attributes, summed over slices."""
     names, speeds, lines = ("TMC13", *EFFORTS), [], []
     for points in load_clouds(args.sources[0]):
         times = {name: [] for name in names}
@@ -305,7 +306,7 @@ def tmc13(args):
 
 
 def run_tmc13(program, points):
-    """(Processor seconds of encoding, of decoding, bytes) of one run each; ends the program where its log has neither."""
+    """Code points with TMC13; return (processor seconds to encode, to decode, bytes). Ends the program if it fails."""
     with tempfile.TemporaryDirectory() as folder:
         source, stream, back = (Path(folder) / name for name in ("cloud.ply", "cloud.bin", "back.ply"))
         write_ply(source, decode_morton(points.keys), points.rgb)
@@ -322,8 +323,8 @@ def run_tmc13(program, points):
 
 
 def avif(args):
-    """BD-rates against AVIF (Pillow, speed 6, 4:2:0) on the whole image, coded as voxels, without what is for planar supports,
-    and as texels."""
+    """Return a Markdown table of BD-rates against AVIF (Pillow, speed 6, 4:2:0) of the whole image, for texels coded as if
+    voxels, without the tools for planar supports, and as texels."""
     rows = {}
     for points in (load_texels(path, args.crop) for path in args.sources):
         theirs, row = [avif_point(points, quality) for quality in AVIF_QUALITIES], [100 * points.mask.mean()]
@@ -338,7 +339,7 @@ def avif(args):
 
 
 def avif_point(points, quality):
-    """{"bytes", "psnr_y", "psnr_rgb", ...} of AVIF on the whole image."""
+    """Code the whole image as AVIF at a quality; return {"bytes", "psnr_y", "psnr_rgb", ...} over the used texels."""
     file = io.BytesIO()
     Image.fromarray(points.image).save(file, "AVIF", quality=quality, speed=6, subsampling="4:2:0")
     decoded = np.array(Image.open(file).convert("RGB"))
@@ -346,7 +347,7 @@ def avif_point(points, quality):
 
 
 def lossless(args):
-    """Bytes of max_error 0 against PNG and lossless WebP of the whole image, and of the image whose unused texels are black."""
+    """Return a Markdown table of lossless bytes: ours, PNG and WebP of the whole image, and both with unused texels black."""
     lines = []
     for points in (load_texels(path, args.crop) for path in args.sources):
         field, plan = (points.keys, points.depth, forward_colour(points.rgb)), ResidualPlan(0, points.rgb, inverse_colour)
@@ -368,7 +369,7 @@ COMMANDS = {command.__name__: command for command in (anchor, tools, tmc13, avif
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=COMMANDS)
     parser.add_argument("sources", nargs="+", type=Path, metavar="CLOUDS | ASSET")

@@ -23,14 +23,14 @@ COMMAND, STEPS = "{root}/tools/bench/rate_points.py", ("encode", "decode")
 
 
 def task_of(job, caps):
-    """The Task of a job. caps: Task's threads, memory and seconds."""
+    """Return the Task (texfcodec.batch) that runs a Job. caps: its threads, memory and seconds, by name."""
     commands = tuple((step, (COMMAND, "--step", step, "{folder}", "{input}", "{threads}")) for step in STEPS)
     return Task(name=job.name, commands=commands, input=job.path, files={JOB: as_text(job.facts)}, enough=MISSING,
                 unsuited=EXIT_SUPPORT, package=package_code(), **caps)
 
 
 def not_ours(folder):
-    """A sentence where the folder of a job holds something else; None where it may be replaced."""
+    """Return a sentence if a job's folder holds other files than a job's, so that it must not be replaced; else None."""
     inside = [path.name for path in folder.iterdir()] if folder.exists() else []
     if inside and not any(name.startswith(JOB) for name in inside):
         return f"{folder} is not a job's folder, and is left alone"
@@ -38,8 +38,8 @@ def not_ours(folder):
 
 
 def settle(job, outcome, folder):
-    """Makes the folder of an attempt the job's own, in place of what was there: None, or a sentence about why the job failed. A
-    full disk leaves what was there."""
+    """Move the folder of an attempt to the job's place, replacing an earlier one. Return None, or a sentence about why the job
+    failed. On a full disk the earlier one stays."""
     if outcome.state == FULL or not folder.exists():
         return outcome.reason or f"{folder} is not here"
     try:
@@ -55,13 +55,14 @@ def settle(job, outcome, folder):
 
 
 class Batch:
-    """Jobs at work. failed: {name: why}; is_full: whether a disk was full."""
+    """A run of jobs. show(name, line, is_bad): displays an end. failed: {name: why}; is_full: whether a disk was full."""
 
     def __init__(self, jobs, show):
         self.jobs, self.show, self.failed, self.is_full = {job.name: job for job in jobs}, show, {}, False
 
     def run(self, args, room, caps):
-        """All of them, in args.jobs processes here, or on the cluster args.scheduler. Ctrl-C and SIGTERM stop them."""
+        """Run all jobs, args.jobs at a time here, or on the Dask cluster at args.scheduler. room: folder for attempts; caps: as
+        of task_of(). Ctrl-C and SIGTERM stop them."""
         tasks = []
         for job in self.jobs.values():
             if reason := not_ours(job.folder):
@@ -88,7 +89,7 @@ class Batch:
 
 
 def result_line(job):
-    """One line about a job that has ended well."""
+    """Return one line about a job that has ended without a fault: bytes, PSNR and seconds, or why it was not run."""
     metrics = read_json(job.folder / METRICS)
     if metrics is None:
         row = read_json(job.folder / MISSING)
@@ -99,7 +100,7 @@ def result_line(job):
 
 @contextmanager
 def only_run(out):
-    """Ends the program where another run is at work in the same folder."""
+    """Context manager: lock the folder of results against other runs. Ends the program if one is at work there."""
     with ExitStack() as stack:
         try:
             stack.enter_context(only_run_of_package(out))
@@ -118,12 +119,12 @@ def warm_cache():
 
 
 def run_conditions(args):
-    """The batch of the command line; its exit code."""
+    """Run the condition file of the command line (args, of rate_points.py); return the exit code."""
     return run_batch(args, read_conditions(args.records[0], args.evaluation, args.asset))
 
 
 def run_verify(args):
-    """The batch of recorded points and its page; the exit code."""
+    """Run the recorded points that args select once more, print the page that compares them, and return the exit code."""
     points, left_out = verify.selected(args)
     points, absent = verify.absent(points, args)
     code = run_batch(args, verify.conditions_of(points))
@@ -138,7 +139,7 @@ def run_verify(args):
 
 
 def run_batch(args, conditions):
-    """All jobs of conditions, as read_conditions() returns them; the exit code."""
+    """Run all jobs of conditions, the dict of read_conditions(), that are not finished; return the exit code."""
     args.jobs = min(max(args.jobs, 1), 256)
     seconds = conditions["limit_seconds"] if args.limit_seconds is None else args.limit_seconds
     caps = {"threads": max(default_threads() // args.jobs, 1), "memory": args.memory_limit, "seconds": seconds}
@@ -187,7 +188,7 @@ def _sum_up(jobs, batch, absent, seconds):
 
 
 def resumable(run, args):
-    """The exit code of run(args), which goes on where it was stopped when it is called again; interrupted, it says so."""
+    """Return the exit code of run(args). Ctrl-C gives EXIT_INTERRUPTED and a line that the same command resumes the run."""
     try:
         return run(args)
     except KeyboardInterrupt:

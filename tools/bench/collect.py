@@ -37,7 +37,7 @@ TABLES = [module.name for module in pkgutil.iter_modules(tables.__path__)]
 
 
 def write_results(args):
-    """results.csv, results.md and results.html."""
+    """Write results.csv, results.md and results.html of the results that the parsed arguments name."""
     if len(args.results) > 2:
         raise SystemExit("without --table there are a folder and, if wanted, one to compare it with")
     folder, *others = args.results
@@ -56,7 +56,7 @@ def write_results(args):
 
 
 def write_table(args):
-    """The page of a table, or its lines where they are to stand in one."""
+    """Write the Markdown page of a module in tables/, which the parsed arguments name, or its table alone."""
     lines = import_module(f"tools.bench.tables.{args.table}").page(args)
     args.out.parent.mkdir(parents=True, exist_ok=True)
     args.out.write_text("\n".join(wrapped(lines)).rstrip() + "\n", encoding="utf-8")
@@ -64,7 +64,7 @@ def write_table(args):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, nargs="+", metavar="DIR")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="or FILE.md, of a table")

@@ -18,8 +18,8 @@ NAME = re.compile(r"\w[\w.+-]*")
 
 
 def read_conditions(path, changed=(), only=()):
-    """{"assets", "plugins", "limit_seconds", "evaluation", "settings"} of a condition file, checked; or the program ends with a
-    sentence. changed: words KEY=VALUE in the place of lines of [evaluation]; only: names of its assets, all where it is empty."""
+    """Read and check a condition file; return {"assets", "plugins", "limit_seconds", "evaluation", "settings"}, or end the
+    program with a sentence. changed: words KEY=VALUE that replace lines of [evaluation]; only: assets to keep, () for all."""
     try:
         with open(path, "rb") as file:
             given = tomllib.load(file)
@@ -119,7 +119,7 @@ def _expanded(number, table, conditions):
 
 
 def find_assets(names, folders, out):
-    """({name as given: path}, names that are in none of the folders). "sample" is made in out where it is not there yet."""
+    """Find assets in folders; return ({name as given: path}, names not there). "sample" is written into out if missing."""
     paths, missing = {}, []
     for name in names:
         places = [folder / (name + suffix) for folder in folders for suffix in SUFFIXES]

@@ -10,8 +10,8 @@ from tools.bench.results import curve_of, grouped, measures_of
 
 @dataclass(frozen=True)
 class Difference:
-    """percent: BD-rate, None where there is none, and then reason says why. overlap: the part of each curve's range of quality
-    that the other has as well, 0..1, of the two the smaller."""
+    """A BD-rate. percent: of rate at equal quality, None without one; reason: why there is none; overlap: the smaller of the
+    shares 0..1 of each curve's quality range that the other covers."""
 
     percent: float | None
     overlap: float | None
@@ -20,7 +20,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two groups to compare. name, other: how they are called; rows, anchor: {asset: rows} of each."""
+    """Two groups of settings to compare. name, other: their names; rows, anchor: {asset: rows} of each."""
 
     name: str
     other: str
@@ -28,7 +28,7 @@ class Pair:
     anchor: dict
 
     def differences(self, kind):
-        """{asset: {measure: Difference}} for the assets that both have, by the measures that some of their rows have."""
+        """Return {asset: {measure: Difference}} for the assets and measures of both groups. kind: "total" or "texture" bytes."""
         shared = [asset for asset in self.rows if asset in self.anchor]
         measures = measures_of([row for asset in shared for side in (self.rows, self.anchor) for row in side[asset]])
         return {asset: {measure: difference(self.anchor[asset], self.rows[asset], measure, kind) for measure in measures}
@@ -36,7 +36,7 @@ class Pair:
 
 
 def pairs_of(rows, anchors, group=None, anchor_group=None):
-    """[Pair] to compare. anchors: rows of another folder, or None."""
+    """Return the [Pair] of groups to compare. anchors: rows of another folder, None to compare groups of rows themselves."""
     ours = grouped(rows)
     theirs = ours if anchors is None else grouped(anchors)
     for name, known in ((group, ours), (anchor_group, theirs)):
@@ -54,12 +54,12 @@ def pairs_of(rows, anchors, group=None, anchor_group=None):
 
 
 def rate_difference(anchor, rows, measure, kind="texture"):
-    """BD-rate of one curve's rows against an anchor's in one of MEASURES, in percent; ValueError says why there is none."""
+    """Return the BD-rate of rows against an anchor's in one of MEASURES, in percent. Raises ValueError if there is none."""
     return bd_rate(*curve_of(anchor, measure, kind), *curve_of(rows, measure, kind))
 
 
 def difference(anchor, rows, measure, kind):
-    """rate_difference() as a Difference."""
+    """Return rate_difference() as a Difference, which has the reason if there is none."""
     try:
         percent, reason = rate_difference(anchor, rows, measure, kind), None
     except ValueError as error:
@@ -68,7 +68,7 @@ def difference(anchor, rows, measure, kind):
 
 
 def overlap_of(a, b):
-    """The part of each list's range that the other has as well, 0..1, of the two the smaller; None where one has no range."""
+    """Return the smaller of the shares 0..1 of two lists' ranges that the other covers; None if a list has no range."""
     if min(len(a), len(b)) < 2:
         return None
     shared, longest = min(max(a), max(b)) - max(min(a), min(b)), max(max(a) - min(a), max(b) - min(b))
@@ -76,6 +76,6 @@ def overlap_of(a, b):
 
 
 def summary(differences, of=np.mean):
-    """(of(percents), their number) of the Differences that have one; (None, 0) without."""
+    """Return (of(percents), their number) over the Differences that have a percent; (None, 0) without. of: mean or median."""
     values = [difference.percent for difference in differences if difference.percent is not None]
     return (float(of(values)), len(values)) if values else (None, 0)

@@ -28,7 +28,7 @@ PARTS = (("geometry", (86, 124, 190)), ("colours and maps", (214, 130, 62)), ("o
 
 
 def main(path):
-    """Writes the picture."""
+    """Draw the picture of the codec's idea and write it to path."""
     scene = make_sample()
     encoded = texfcodec.encode_to_result(scene, texfcodec.EncodeOptions(rate="r03"))
     coarse = texfcodec.decode(texfcodec.encode(scene, texfcodec.EncodeOptions(resolution=COARSE, qp=22, keep_mesh=True)))
@@ -55,7 +55,7 @@ def main(path):
 
 
 def cubes(texf):
-    """A Scene of the voxels of a Texf: a cube for each, in its colour."""
+    """Return a Scene that shows the voxels of a Texf: a cube for each, in its colour."""
     side, faces, positions, colours = texf.side / COARSE, [], [], []
     for field in texf.fields:
         place = np.asarray(texf.origin) + field.support.xyz() * side
@@ -71,7 +71,7 @@ def cubes(texf):
 
 
 def draw_stream(draw, left, sizes):
-    """A bar with what the bytes of a stream are."""
+    """Draw a bar that shows how the bytes of a stream divide. draw: of PIL; left: x of its left end; sizes: bytes by name."""
     total, top = sum(sizes[key] for key in ("geometry", "attributes", "other")), 30
     for (name, ink), size in zip(PARTS, (sizes["geometry"], sizes["attributes"], sizes["other"]), strict=True):
         height = max(round(size / total * (SIDE - 60)), 3)

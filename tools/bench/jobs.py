@@ -20,7 +20,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 @dataclass
 class Job:
-    """One asset at one setting. facts: what job.json holds; path: the asset's file."""
+    """One asset at one setting. folder: for its files; facts: content of its job.json; path: the asset's file."""
 
     folder: Path
     facts: dict
@@ -31,7 +31,7 @@ class Job:
         return f"{self.facts['asset']}/{self.facts['setting']}"
 
     def metrics(self, keep_old=False):
-        """The finished job's metrics, or None; those of other code count with keep_old only."""
+        """Return the metrics of a finished job, or None. keep_old: whether metrics that other code has measured count."""
         return self._of_this(METRICS, keep_old)
 
     def row(self):
@@ -39,7 +39,7 @@ class Job:
         return self._of_this(MISSING, False)
 
     def is_finished(self, keep_old=False):
-        """Whether there is nothing more to do; a program that was not installed is looked for again."""
+        """Return whether nothing is left to do. A job that lacked a program is not finished: it is tried again."""
         row = self.row()
         return bool(self.metrics(keep_old)) or row is not None and row["state"] != "missing"
 
@@ -56,7 +56,7 @@ def _identity(settled):
 
 
 def jobs_of(conditions, assets, out):
-    """All jobs, asset by asset. assets: {name as given: path}."""
+    """Return all Jobs of conditions (of read_conditions()), asset by asset. assets: {name: path}; out: folder for results."""
     code = {name: code_of(name, conditions["plugins"]) for name in {s["method"] for s in conditions["settings"]}}
     jobs, names = [], {}
     for given, path in assets.items():
@@ -77,7 +77,7 @@ def jobs_of(conditions, assets, out):
 
 
 def code_of(method, plugins):
-    """16 digits over what results depend on: the sources of the package and of the method, and the method's version()."""
+    """Return 16 hexadecimal digits of a hash of what results depend on: sources of the package and the method, its version()."""
     coder = find(method, plugins)
     total = hashlib.sha256(coder.version().encode())
     for path in (*sorted((REPOSITORY / "texfcodec").rglob("*.py")), Path(inspect.getfile(type(coder)))):
@@ -86,7 +86,7 @@ def code_of(method, plugins):
 
 
 def key_of(value):
-    """16 digits by which what is JSON-ready is known again."""
+    """Return 16 hexadecimal digits of a hash of a JSON-ready value."""
     return _sha256(json.dumps(value, sort_keys=True).encode())[:16]
 
 
@@ -95,7 +95,7 @@ def _sha256(data):
 
 
 def read_json(path):
-    """What a JSON file holds; None where there is none or only half of one."""
+    """Return the content of a JSON file; None if it does not exist or is incomplete."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -103,12 +103,12 @@ def read_json(path):
 
 
 def write_json(path, value):
-    """Writes beside the path and renames, so that a file of this name is always whole."""
+    """Write a value as a JSON file beside the path and rename it, so that a file of this name is always whole."""
     part = path.with_name(path.name + ".part")
     part.write_text(as_text(value), encoding="utf-8")
     os.replace(part, path)
 
 
 def as_text(value):
-    """The text of a JSON file."""
+    """Return the text of a JSON file with this value."""
     return json_text(value, indent=1) + "\n"

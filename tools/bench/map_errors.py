@@ -23,15 +23,15 @@ UNIT = 127.5  # of a normal's component
 
 
 def needed_maps(scene):
-    """The Scene without maps that show nothing or one value alone: what any way of coding it has to code."""
+    """Return a Scene without the maps that show nothing or a single value, which no method needs to code."""
     options = EncodeOptions(position_bits=FINEST_POSITIONS)
     return needed_scene(scene, make_surface(scene, options), options.effects).value.scene
 
 
 def map_errors(scene, decoded, samples, threads=1):
-    """{"pooled": dB, "plain": the same with weights of 1, "channels": {name: {"psnr": dB, "weight", and of normals
-    "mean_degrees", "p95_degrees"}}, "samples"} of what was decoded of a Scene, a Texf or a Scene with the same faces. None: no
-    error at all."""
+    """Return the errors of decoded maps: {"pooled": dB, "plain": dB with weights of 1, "channels": {name: {"psnr", "weight", and
+    of normals "mean_degrees", "p95_degrees"}}, "samples"}. decoded: a Texf or a Scene with the same faces; samples: surface
+    points. dB of None: no error."""
     scene = needed_maps(scene)
     points, lights = Points(scene, decoded, samples, threads), (Lighting(scene), Lighting(decoded))
     channels, pooled, plain = {}, np.zeros(2), np.zeros(2)
@@ -53,7 +53,7 @@ def map_errors(scene, decoded, samples, threads=1):
 
 
 def values_of(points, lights, side, name, rows):
-    """A channel of one side at rows of Points, float [M, C] in 0..255."""
+    """Return a channel's values at rows of Points, float [M, C] in 0..255. side: 0 for the source, 1 for the decoded."""
     if name == BASE_COLOUR.name:
         return points.rgba[side][rows, :3]
     if BY_NAME[name].unit == "degrees":

@@ -8,7 +8,7 @@ OVERSAMPLING, QUALITY = 2, 92  # pixels averaged a side; of WebP, where blocks o
 
 
 def measure_job(scene, decoded, job, folder):
-    """measures() of a job, whose facts are in job; "pictures": the views of those written into its folder, where some are."""
+    """Return measures() of a job's decoded asset, with "pictures", the numbers of the views written into its folder, if any."""
     evaluation, threads = job["evaluation"], job["threads"]
     measured = measures(scene, decoded, evaluation, threads)
     if evaluation["pictures"]:
@@ -17,7 +17,7 @@ def measure_job(scene, decoded, job, folder):
 
 
 def measures(scene, decoded, evaluation, threads):
-    """{"psnr_3d", "image", "maps"} of what was decoded, a Texf or a Scene; None where they are not asked for."""
+    """Return {"psnr_3d", "image", "maps"} of a decoded Texf or Scene; None for those that evaluation does not request."""
     from texfcodec.metrics.psnr_3d import SourceSamples
     from texfcodec.metrics.views import ViewSettings, compare_views, mesh_psnr_3d
     from texfcodec.render.environment import DAYLIGHT
@@ -40,15 +40,15 @@ def measures(scene, decoded, evaluation, threads):
 
 
 def views_shown(pictures, views):
-    """Numbers of the metric's views that pictures are made of: as many, at equal distances from the top to the bottom."""
+    """Return the numbers of the views to draw: `pictures` of the metric's `views`, evenly spaced from the top to the bottom."""
     count = min(pictures, views)
     return [(2 * i + 1) * views // (2 * count) for i in range(count)]
 
 
 def write_pictures(scene, decoded, evaluation, folder, threads):
-    """Writes source_VIEW and picture_VIEW, WebP (PNG where Pillow has no WebP), into a job's folder; the numbers of the views.
+    """Write source_VIEW and picture_VIEW (WebP, or PNG if Pillow has none) into a job's folder; return the numbers of the views.
 
-    The source's stand in every job's folder, because that may be all that comes back from where it ran.
+    Every job's folder has the source's as well, because it may be all that comes back from where the job ran.
     """
     from PIL import Image, features
 

@@ -9,7 +9,7 @@ FIRST = "image PSNR Y"  # the measure that curves begin with
 
 
 def write_page(path, rows, kind):
-    """Writes the page of rows; its size in bytes, 0 without plotly. kind: the rate of the curves."""
+    """Write the HTML page of rate curves; return its bytes, 0 without plotly. rows: of results; kind: which bytes count."""
     try:
         from plotly.io import to_html
     except ImportError:
@@ -24,7 +24,7 @@ def write_page(path, rows, kind):
 
 
 def figure_of(rows, kind):
-    """Plotly's data and layout of one asset."""
+    """Return Plotly's data and layout of the rate curves of one asset's rows. kind: which bytes count."""
     measures, data = measures_of(rows), []
     first = FIRST if FIRST in measures else next(iter(measures), None)
     for measure in measures:

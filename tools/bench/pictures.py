@@ -30,7 +30,7 @@ OVERSAMPLING, SAMPLES, QUALITY = 2, 300_000, 88
 
 
 def row(path, view, rates, size):
-    """The pictures of one asset, uint8 [H, W, 3]."""
+    """Draw an asset, its streams at rates and a difference, uint8 [H, W, 3]. view: name or "azimuth,elevation" in degrees."""
     scene = load(path)
     direction = VIEWS[view] if view in VIEWS else direction_of_angles(*map(float, view.split(",")))
     camera = orthographic(direction, *bounding_sphere(scene.positions[np.unique(scene.faces)]), size * OVERSAMPLING)
@@ -47,7 +47,7 @@ def row(path, view, rates, size):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("assets", nargs="+", metavar="ASSET[@VIEW]")
     parser.add_argument("--out", type=Path, required=True)

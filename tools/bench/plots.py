@@ -17,7 +17,7 @@ def load_pyplot():
 
 
 def logarithmic(panel):
-    """A logarithmic x axis that names plain numbers, some within a decade as well."""
+    """Make the x axis of a matplotlib panel logarithmic, labelled with plain numbers, some within a decade as well."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     panel.set_xscale("log")

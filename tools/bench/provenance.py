@@ -13,7 +13,7 @@ SOURCES = ("texfcodec", "tools/bench/*.py", "tools/proof/*.py", "conformance/ref
 
 
 def made_on(root=REPOSITORY):
-    """Words for "Made by ..."; root: a checkout."""
+    """Return the words after "Made by ..." on a page: the machine and the commit of a checkout."""
     return f"on {machine()}, commit {state_of(root)}"
 
 
@@ -28,14 +28,13 @@ def machine():
 
 
 def commit_of(root):
-    """Short hash of a checkout's commit."""
+    """Return the short hash of a checkout's commit."""
     return _git(root, "rev-parse", "--short=8", "HEAD")
 
 
 def state_of(root, sources=SOURCES):
-    """The commit of a checkout in words, with the one that last changed the package, so that pages made at other commits can be
-    seen to be of the same codec, and whether what figures depend on has changes since; "unknown" outside of one, such as in an
-    sdist."""
+    """Return a checkout's commit in words, with the last one that changed the package, so that pages of the same codec can be
+    seen to be so, and whether sources have uncommitted changes; "unknown" outside a checkout, such as in an sdist."""
     try:
         changed = _git(root, "status", "--porcelain", "--untracked-files=no", "--", *sources)
         package = _git(root, "log", "-1", "--format=%h", "--abbrev=8", "--", "texfcodec")

@@ -62,7 +62,7 @@ from tools.bench.steps import run_step
 
 
 def main(arguments=None):
-    """Command line of the tool; the exit code."""
+    """Run the tool; return its exit code. arguments: the words of its command line, sys.argv by default."""
     arguments = sys.argv[1:] if arguments is None else arguments
     if arguments[:1] == ["--step"]:
         return run_step(*arguments[1:])
@@ -92,7 +92,7 @@ def main(arguments=None):
 
 
 def seconds(text):
-    """A number above 0, of a flag; ValueError for any other text. argparse tells its name."""
+    """Parse the value of a flag: a number of seconds above 0. Raises ValueError, to which argparse adds the flag."""
     if not 0 < float(text) < float("inf"):
         raise ValueError(text)
     return float(text)

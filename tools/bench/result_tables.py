@@ -18,7 +18,7 @@ SUMMARIES = {"mean": np.mean, "median": np.median}
 
 
 def write_csv(rows, path):
-    """A row per job; columns in the order in which they are met."""
+    """Write rows (dicts of jobs) to a CSV file, a row per job; columns are in the order of their first appearance."""
     rows = [flat(row) for row in rows]
     columns = list(dict.fromkeys(key for row in rows for key in row))
     with open(path, "w", encoding="utf-8", newline="") as file:
@@ -28,7 +28,7 @@ def write_csv(rows, path):
 
 
 def flat(row, prefix=""):
-    """A nested dict with dotted keys; lists become text."""
+    """Return a nested dict as a flat one with dotted keys, each after prefix; lists become text."""
     out = {}
     for key, value in row.items():
         if isinstance(value, dict):
@@ -39,13 +39,13 @@ def flat(row, prefix=""):
 
 
 def markdown_table(head, lines, texts=1):
-    """Lines of a Markdown table; texts: number of columns at the left that are no numbers."""
+    """Return the lines of a Markdown table. head: titles; lines: rows of cells; texts: number of left columns that hold text."""
     rule = ["---"] * texts + ["---:"] * (len(head) - texts)
     return ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |" for cells in (head, rule, *lines)]
 
 
 def wrapped(lines):
-    """Prose wrapped at 130 columns; tables, pictures and headings as they are."""
+    """Yield lines of Markdown with prose wrapped at 130 columns; tables, pictures and headings stay as they are."""
     for line in lines:
         if line.startswith(("|", "#", "!")) or len(line) <= 130:
             yield line
@@ -55,7 +55,7 @@ def wrapped(lines):
 
 
 def as_markdown(blocks):
-    """The text of a report."""
+    """Return the Markdown of a report. blocks: (kind, content), where kind is "h1" to "h3", "p", "table" or "ul"."""
     marks, lines = {"h1": "# ", "h2": "## ", "h3": "### ", "p": ""}, []
     for kind, content in blocks:
         if kind in marks:
@@ -68,7 +68,7 @@ def as_markdown(blocks):
 
 
 def report(rows, missing, pairs, kind):
-    """Blocks of results.md. missing: of results.read_missing(); pairs: [differences.Pair]."""
+    """Return the blocks of results.md, for as_markdown(). missing: of read_missing(); pairs: [Pair]; kind: see rate_of()."""
     codes = sorted({f"{row['package']} {row['code']}" for row in rows})
     blocks = [("h1", "Rate points"), ("p", f"{len(rows)} jobs; code {', '.join(codes)}"
                                       + ("; **not all by the same code**" if len(codes) > 1 else ""))]
@@ -80,7 +80,7 @@ def report(rows, missing, pairs, kind):
 
 
 def asset_table(rows):
-    """Content of the table of one asset's rows, smallest first in each group."""
+    """Return (head, lines, texts) of the table of one asset's rows, by group and bytes."""
     measures = measures_of(rows)
     head = ["setting", "group", "bytes", "geometry", "texture", *measures, "encode, s", "decode, s", "encode, MB", "decode, MB"]
     lines = []
@@ -94,7 +94,7 @@ def asset_table(rows):
 
 
 def missing_table(missing):
-    """Content of the table of results.read_missing(): jobs of one group that miss the same stand in one line."""
+    """Return (head, lines, texts) of the table of read_missing(): jobs of a group that lack the same share a line."""
     jobs = {}
     for row in missing:
         jobs.setdefault(tuple(row[key] for key in ("group", "method", "state", "reason")), []).append(row)
@@ -113,8 +113,8 @@ def _number(value, form, factor=1):
 
 
 def comparison(pairs, kind):
-    """Blocks of the BD-rates of pairs with the same anchor: of one pair a table of its assets, of more a table by measure with a
-    line for each."""
+    """Return the blocks of the BD-rates of pairs with the same anchor: for one pair a table by asset, for more a table per
+    measure with a line per pair."""
     tables = {pair.name: pair.differences(kind) for pair in pairs}
     names, other = list(tables), pairs[0].other
     blocks = [("h2", f"BD-rate: {names[0]} against {other}" if len(names) == 1 else f"BD-rate against {other}"),

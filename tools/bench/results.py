@@ -22,7 +22,7 @@ TOLD = ("asset", "setting", "group", "method", "state", "reason")  # of a row th
 
 
 def read_results(folder):
-    """The metrics of all finished jobs of a folder of rate_points.py, in the order of their paths, or of keep_rows()'s file."""
+    """Return the metrics of all finished jobs of a folder of rate_points.py, sorted by path, or of a file of keep_rows()."""
     if Path(folder).is_file():
         return [row for row in _kept_rows(folder) if "state" not in row]
     rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(Path(folder).glob(f"*/*/{METRICS}"))]
@@ -32,12 +32,12 @@ def read_results(folder):
 
 
 def keep_rows(path, rows, missing):
-    """Writes what read_results() and read_missing() gave to a file of JSON lines."""
+    """Write the rows of read_results() and read_missing() to a file, as lines of JSON."""
     Path(path).write_text("".join(json_text(row) + "\n" for row in rows + missing), encoding="utf-8")
 
 
 def unpack_rows(path, folder):
-    """Makes finished jobs of the measured rows of a file of keep_rows(), in a folder of rate_points.py that lacks them."""
+    """Write the measured rows of a file of keep_rows() into a folder of rate_points.py as finished jobs, unless it has them."""
     for row in read_results(path):
         place = Path(folder) / row["asset"] / row["setting"]
         if not place.exists():
@@ -51,7 +51,7 @@ def _kept_rows(path):
 
 
 def read_missing(folder):
-    """[{TOLD: text}] of jobs without metrics.json: what missing.json says, or "not finished" and the last line of the log."""
+    """Return [{key of TOLD: text}] of jobs without metrics: what missing.json says, or "not finished" and the last log line."""
     if Path(folder).is_file():
         return [row for row in _kept_rows(folder) if "state" in row]
     missing = []
@@ -66,21 +66,21 @@ def read_missing(folder):
 
 
 def at(row, path):
-    """The value at a path of keys; None where the path ends early."""
+    """Return the value of a nested dict at a path of keys; None if the path ends early."""
     for key in path:
         row = row.get(key) if isinstance(row, dict) else None
     return row
 
 
 def value_of(row, measure):
-    """What a row has of one of MEASURES, as it stands there: a PSNR in dB or SSIM; None: not measured; inf: exact."""
+    """Return a row's value of one of MEASURES: PSNR in dB, or SSIM; None if not measured, inf if exact."""
     value = at(row, MEASURES[measure])
     is_exact = measure in PSNRS and value is None and at(row, MEASURES[measure][:-1]) is not None
     return math.inf if is_exact else value
 
 
 def quality_of(row, measure):
-    """value_of() in decibels, the unit in which curves are compared: SSIM as -10 log10(1 - SSIM)."""
+    """Return value_of() in dB, the unit in which curves are compared: SSIM as -10 log10(1 - SSIM)."""
     value = value_of(row, measure)
     if value is None or measure in PSNRS:
         return value
@@ -88,17 +88,17 @@ def quality_of(row, measure):
 
 
 def measures_of(rows):
-    """Those of MEASURES that at least one row has, in their order."""
+    """Return those of MEASURES that at least one row has, in their order."""
     return [measure for measure in MEASURES if any(value_of(row, measure) is not None for row in rows)]
 
 
 def rate_of(row, kind):
-    """Bytes of a row: "total", or "texture", all but geometry."""
+    """Return the bytes of a row. kind: "total", or "texture" for all but geometry."""
     return row["bytes"]["total"] - (row["bytes"].get("geometry", 0) if kind == "texture" else 0)
 
 
 def grouped(rows):
-    """{group: {asset: its rows}} in the order in which they come."""
+    """Return rows as {group: {asset: [row]}}, in the order in which they come."""
     groups = {}
     for row in rows:
         groups.setdefault(row["group"], {}).setdefault(row["asset"], []).append(row)
@@ -106,12 +106,12 @@ def grouped(rows):
 
 
 def curve_points(rows, measure, kind):
-    """[(bytes, dB, row)] by bytes, without exact rows and those that were not measured so."""
+    """Return [(bytes, dB, row)] sorted by bytes, without exact rows and those without the measure. kind: see rate_of()."""
     points = [(rate_of(row, kind), quality_of(row, measure), row) for row in rows]
     return sorted((p for p in points if p[1] is not None and math.isfinite(p[1])), key=lambda p: p[:2])
 
 
 def curve_of(rows, measure, kind):
-    """([bytes], [dB]) of curve_points()."""
+    """Return ([bytes], [dB]) of curve_points()."""
     points = curve_points(rows, measure, kind)
     return [rate for rate, _, _ in points], [quality for _, quality, _ in points]

@@ -92,9 +92,9 @@ def page_of(rows):
                       how, f"{least:,}", f"{psnr:.1f}", f"{own_seconds:.1f}", f"{seconds:.1f}"])
     head = ["scene", "source", "gltf-transform", "dB", "ours at that dB", "share", "", "r03", "dB", "s", "theirs, s"]
     text = (f"Made by `make -C tools scenes` (tools/bench/scenes.py) {made_on()}. Whole files: `gltf-transform optimize "
-            f"{' '.join(WORDS)}` and `texf-enc scene.glb out.glb`. Bytes of ours are between those of {', '.join(RATES)} at "
-            "the rival's PSNR of Y in daylight, 8 views of 512 pixels at rest; where r01 is closer, they are those of r01. Seconds are of "
-            "wall, as a whole program (theirs) and in one process (ours).")
+            f"{' '.join(WORDS)}` and `texf-enc scene.glb out.glb`. Bytes of ours are between those of {', '.join(RATES)} at the "
+            "rival's PSNR of Y in daylight, 8 views of 512 pixels at rest; where r01 is closer, they are those of r01. Seconds "
+            "are of wall, as a whole program (theirs) and in one process (ours).")
     last = f"Median {statistics.median(shares):.0f} %, from {min(shares):.0f} to {max(shares):.0f} %."
     return "\n".join(wrapped(["# Scenes", "", text, "", *markdown_table(head, lines), "", last])) + "\n"
 

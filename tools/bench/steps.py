@@ -22,7 +22,7 @@ class OtherCode(Exception):
 
 
 def run_step(step, folder, asset, threads):
-    """The whole life of a child process; its exit code. asset: path; threads: a number, as text."""
+    """Run "encode" or "decode" of a job in this child process; return the exit code. folder: of the job; asset: its path."""
     folder = Path(folder)
     try:
         job = read_json(folder / JOB) | {"asset_path": asset, "threads": int(threads)}
@@ -36,8 +36,8 @@ def run_step(step, folder, asset, threads):
 
 
 def encode_step(folder, job):
-    """Codes the asset; leaves the method's files and encode.json, or missing.json where a program is not installed or the method
-    finds nothing to code."""
+    """Encode a job's asset into its folder: the method's files and encode.json, or missing.json if a program is not installed or
+    the method finds nothing to code."""
     from texfcodec.io.load import load
     from texfcodec.report import Report
 
@@ -66,7 +66,7 @@ def _write_row(folder, job, state, reason):
 
 
 def decode_step(folder, job):
-    """Decodes, compares with the encoder's reconstruction, measures; leaves metrics.json."""
+    """Decode a job, compare with the encoder's reconstruction, measure, and write metrics.json into its folder."""
     from texfcodec.io.load import load
     from texfcodec.report import Report
 

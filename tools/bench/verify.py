@@ -24,8 +24,8 @@ NOT_MEASURED = EVALUATION | {"samples": 0, "views": 0}
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """A recorded point. record: path of its file; options: of the method; bytes: {"total", other counts}; values: hash of the
-    decoded values, None where the record has none."""
+    """A recorded rate point of our codec. record: path of its file; options: of the method; bytes: {"total", other counts};
+    values: hash of the decoded values, None if unrecorded."""
 
     record: Path
     asset: str
@@ -41,7 +41,7 @@ class Point:
 
 
 def read_points(path):
-    """The Points of ours of a record; none where it holds those of rivals only."""
+    """Return the Points of our codec in a record file; [] if it holds those of rivals only."""
     if path.suffix == ".jsonl":
         return [Point(record=path, asset=row["asset"], setting=row["setting"], options=row["options"], bytes=row["bytes"],
                       values=row["reconstruction_sha256"]) for row in read_results(path) if row["method"] in OURS]
@@ -56,8 +56,7 @@ def default_records():
 
 
 def selected(args):
-    """(Points of the command line, sentences about those that it leaves out); ends the program where it names what is not
-    there."""
+    """Return (Points that the parsed arguments select, sentences on those left out). Ends the program if a name is unknown."""
     points = []
     for path in args.records or default_records():
         try:
@@ -73,7 +72,7 @@ def selected(args):
 
 
 def conditions_of(points):
-    """What read_conditions() would make of a file with these points."""
+    """Return conditions, as read_conditions() does of a file, that encode these Points again."""
     settings = {(p.asset, p.job): {"setting": p.job, "group": "again", "method": METHOD, "assets": [p.asset],
                                    "options": p.options} for p in points}
     return {"assets": list(dict.fromkeys(p.asset for p in points)), "plugins": [], "limit_seconds": None,
@@ -81,7 +80,7 @@ def conditions_of(points):
 
 
 def absent(points, args):
-    """(Points whose assets are there, sentences about the others)."""
+    """Return (Points whose assets are there, sentences about the others)."""
     _, missing = find_assets(list(dict.fromkeys(p.asset for p in points)), [args.assets] if args.assets else [], args.out)
     for name in missing:
         print(f"{name}: not in {args.assets}, passed over", file=sys.stderr)
@@ -91,7 +90,8 @@ def absent(points, args):
 
 
 def runs_of(points, out):
-    """[(Point, {"bytes", "values", "seconds" of the processor} of its job, or {"error": why it failed})]."""
+    """Return [(Point, run)]: a run has "bytes", "values", processor "seconds" of the new job, or "error". out: folder of
+    jobs."""
     runs = []
     for point in points:
         folder = out / point.asset / point.job
@@ -107,22 +107,22 @@ def runs_of(points, out):
 
 
 def changes_of(point, run):
-    """{byte count: bytes more than recorded} of those that differ."""
+    """Return {byte count: bytes more than recorded} of the counts of a run that differ from its Point's."""
     return {name: run["bytes"].get(name, 0) - size for name, size in point.bytes.items() if run["bytes"].get(name, 0) != size}
 
 
 def percent_of(point, run):
-    """Bytes more than recorded, in percent of these."""
+    """Return by how many percent a run has more bytes than its Point."""
     return 100 * (run["bytes"]["total"] / point.bytes["total"] - 1)
 
 
 def is_same(runs):
-    """Whether all of runs_of() have the recorded bytes."""
+    """Return whether all runs of runs_of() have the recorded bytes."""
     return not any("error" in run or changes_of(point, run) for point, run in runs)
 
 
 def page_of(runs, left_out, args):
-    """The page, Markdown. runs: of runs_of(); left_out: sentences about points that were not encoded."""
+    """Return the Markdown page. runs: of runs_of(); left_out: sentences about Points not encoded; args: the parsed arguments."""
     done = [(point, run) for point, run in runs if "error" not in run]
     same, runs = sum(not changes_of(*pair) for pair in done), {(point.asset, point.job): run for point, run in done}.values()
     lead = (f"Made by `{command_of(args)}` {made_on()}: points of ours that other commits have measured, encoded again with "
@@ -141,14 +141,14 @@ def page_of(runs, left_out, args):
 
 
 def line_of(point, run):
-    """Cells of the table of what differs."""
+    """Return the cells of a row in the table of Points whose bytes differ."""
     parts = [f"{name} {by:+,}" for name, by in changes_of(point, run).items() if name != "total"]
     return [point.asset, point.setting, f"{point.bytes['total']:,}", f"{run['bytes']['total']:,}",
             f"{percent_of(point, run):+.2f}", ", ".join(parts)]
 
 
 def summary(runs):
-    """Content of the table with a line per record."""
+    """Return (head, lines, texts) of the table with a line per record."""
     lines = []
     for record in dict.fromkeys(point.record for point, _ in runs):
         here = [(point, run) for point, run in runs if point.record == record]
@@ -162,13 +162,13 @@ def summary(runs):
 
 
 def shown(path):
-    """A path as the page shows it: from the repository, of others the name."""
+    """Return a path as the page shows it: relative to the repository, or the name alone if it is elsewhere."""
     path = path.resolve()
     return path.relative_to(REPOSITORY).as_posix() if path.is_relative_to(REPOSITORY) else path.name
 
 
 def command_of(args):
-    """The command that repeats the page, without the places of one machine."""
+    """Return the command that repeats the page, without the folders of this machine."""
     assets = [word for name in args.asset for word in ("--asset", name)]
     return shlex.join(["python", "tools/bench/rate_points.py", *map(shown, args.records), "--verify", "--out", "out/again",
                        "--assets", "FOLDER", *assets, *["--neural"] * args.neural])

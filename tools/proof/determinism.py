@@ -66,8 +66,8 @@ class NotMade(Exception):
 
 
 class Case(NamedTuple):
-    """name: the row of the table, which many cases may share; source, options: what is encoded, None for what is only decoded;
-    path: the asset, or the stream that is decoded; tiny: interpreted kernels are quick enough."""
+    """What is encoded and decoded. name: row of the table, which several cases may share; source, options: what is encoded, None
+    if it is only decoded; path: of the asset or the stream; tiny: whether interpreted kernels are quick enough."""
 
     key: str
     name: str
@@ -79,8 +79,9 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class Configuration:
-    """description: a sentence for the page; expects: facts of determinism_child that must begin so, or be so, for the
-    configuration to be what its name says; python, pins: of a virtual environment, the requirements of what is varied."""
+    """Circumstances of a process. description: a sentence for the page; expects: facts of determinism_child that must begin with
+    or equal these; threads, variables: of the process; python, pins: of a virtual environment, its version and the requirements
+    that vary; elsewhere: whether it works in another folder; tiny_only: tiny cases alone."""
 
     name: str
     description: str
@@ -124,7 +125,7 @@ QUICK = ("7 threads", "Turkish, +05:45")
 
 
 def cases_of(assets, quick):
-    """Every Case: the tiny scenes; unless quick the sample, the assets of a folder (None: none) and the vectors."""
+    """Return all Cases: the tiny scenes, and unless quick the sample, assets of a folder (None: none) and the vectors."""
     cases = [Case(name, name, name, options, tiny=True) for name, options in TINY.items()]
     if quick:
         return cases
@@ -146,7 +147,7 @@ VARIED = ("numba", "numpy")  # what environments differ in, beside Python; every
 
 
 def interpreter_of(version, given=()):
-    """An interpreter of a version, "3.12": of the given ones, this one, or the one on PATH. Raises NotMade."""
+    """Return a Python interpreter of a version such as "3.12": one of those given, this one, or that on PATH. Raises NotMade."""
     for program in filter(None, (*given, sys.executable, shutil.which(f"python{version}"))):
         words = [program, "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
         try:
@@ -158,8 +159,8 @@ def interpreter_of(version, given=()):
 
 
 def requirements(pins):
-    """What the package and the demo asset need, as words for pip: pins first, the versions in use here of what they do not name.
-    scipy comes with scikit-image, and brings an OpenBLAS that determinism_child.py looks at."""
+    """Return what the package and the demo asset need, as words for pip: pins, and for the rest the versions in use here. scipy
+    comes with scikit-image, and brings an OpenBLAS that determinism_child.py inspects."""
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     needs = [*project["dependencies"], *project["optional-dependencies"]["demo"], "scipy"]
     names = [re.match(r"[\w.-]+", text).group() for text in needs]
@@ -169,7 +170,7 @@ def requirements(pins):
 
 
 def python_of(configuration, args):
-    """(interpreter, folder) of a configuration's environment; made first where args.environments allows it. Raises NotMade."""
+    """Return (interpreter, folder) of a configuration's environment, made first with args.environments. Raises NotMade."""
     name = re.sub(r"[^\w.]+", "_", "-".join([f"python{configuration.python}", *configuration.pins])).strip("_.")
     folder = args.out / "environments" / name
     python = folder / ("Scripts" if sys.platform == "win32" else "bin") / "python"
@@ -192,8 +193,8 @@ def python_of(configuration, args):
 
 
 class Run:
-    """The rows of one configuration, kept in a file as they come. facts: of its process; rows: {key: row}; reason: why there are
-    no more, "" where there are all."""
+    """The rows of one configuration, appended to a file as they come. facts: of its process; rows: {key: row}; reason: why rows
+    are missing, or ""."""
 
     def __init__(self, configuration, folder):
         self.configuration, self.facts, self.rows, self.reason = configuration, None, {}, ""
@@ -208,13 +209,13 @@ class Run:
             self.path.unlink(missing_ok=True)
 
     def note(self, row):
-        """Keeps facts, the first time, or a row."""
+        """Append the facts, or a row, to the file."""
         with self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
 
 
 def run(configuration, cases, args, streams):
-    """The Run of a configuration. streams: {key: file that is decoded}; keys that are missing are encoded there first."""
+    """Run the cases under a configuration; return its Run. streams: {key: stream to decode}; others are encoded there first."""
     run_so_far, todo = Run(configuration, args.out), []
     for case in cases:
         if case.path is not None and not case.path.exists():
@@ -258,7 +259,7 @@ def _job(case, place, configuration, streams, out):
 
 
 def stream_of(case, configuration, out):
-    """Where the stream of a case is kept."""
+    """Return the path of the stream of a case under a configuration. out: folder of results."""
     return out / "streams" / configuration.slug / f"{case.key.replace(' ', '_')}.texf"
 
 
@@ -328,7 +329,7 @@ INTRODUCTION = (
 
 
 class Verdict(NamedTuple):
-    """text: one of ORDER; why: what is behind it, "" where all is the same."""
+    """The comparison of a configuration with the reference. text: one of ORDER; why: details, "" if all is the same."""
 
     text: str
     why: str = ""
@@ -340,7 +341,7 @@ class Verdict(NamedTuple):
 
 
 def verdicts_of(runs, cases):
-    """{row: {configuration: Verdict}} of all runs but the reference, the first; the reference where it fails itself."""
+    """Return {row: {configuration: Verdict}} of all runs but the first, the reference, with which they are compared."""
     reference, *others = runs
     table = {}
     for case in cases:
@@ -375,7 +376,7 @@ def _verdict(case, expected, run, reason):
 
 
 def page_of(runs, cases, verdicts, options):
-    """docs/reports/determinism.md. options: {row: what it is encoded with}."""
+    """Return the text of docs/reports/determinism.md. verdicts: of verdicts_of(); options: {row: options of its encode}."""
     reference, *others = runs
     count = {text: sum(v.text == text for row in verdicts.values() for v in row.values()) for text in ORDER}
     same = (f"Of {sum(count.values())} cells {count[SAME]} are the same, {count[NOT_RUN]} were not run, in {count[STREAM]} the "
@@ -425,7 +426,7 @@ def _rows(reference, cases, options):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--assets", type=Path, help="folder of the assets; without it scenes made by code alone")
     parser.add_argument("--out", type=Path, default=Path("out/determinism"), help="what is kept of a run, environments too")

@@ -44,7 +44,7 @@ def tiny_maps():
 
 
 def from_shapes(name, *words):
-    """A scene that tests/shapes.py makes, which is imported only when it is needed."""
+    """Return a function that makes a scene by a function of tests/shapes.py, imported at the call. words: its arguments."""
     return lambda: getattr(importlib.import_module("shapes"), name)(*words)
 
 
@@ -57,7 +57,7 @@ SCENES = {"tiny sphere": from_shapes("painted_sphere", 3), "tiny sheets": from_s
 
 
 def fingerprint(texf):
-    """{array: SHA-256} of every decoded array."""
+    """Return {name: SHA-256} of every decoded array of a Texf."""
     arrays = {"lattice": texf.lattice_positions, "faces": texf.faces, "materials": texf.face_material}
     arrays |= {name: getattr(texf, name) for name in ("sharp_edges", "coded_normals") if getattr(texf, name) is not None}
     for i, unit in enumerate(texf.units):
@@ -70,7 +70,7 @@ def fingerprint(texf):
 
 
 def answers(texf):
-    """SHA-256 of the colours at the centres of some faces."""
+    """Return the SHA-256 of the colours of a Texf at the centres of evenly chosen faces."""
     chosen = np.linspace(0, len(texf.faces) - 1, min(QUESTIONS, len(texf.faces))).astype(np.int64)
     points = texf.positions[texf.faces[chosen]].mean(axis=1)
     return _sha256(texf.query(points, chosen).tobytes() if texf.fields else b"")
@@ -81,7 +81,7 @@ def _sha256(content):
 
 
 def row_of(case, threads):
-    """What a case comes to: {"name", "stream", "bytes", "arrays", "seconds"}."""
+    """Encode and decode a case; return {"name", "stream" (SHA-256), "bytes", "arrays" ({name: SHA-256}), "seconds"}."""
     from texfcodec.api import decode, encode
     from texfcodec.options import DecodeOptions, EncodeOptions
 

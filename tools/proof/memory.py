@@ -8,7 +8,7 @@ RECORD = Path("/proc/self/clear_refs")
 
 
 def resident(field):
-    """A line of the system's account of this process's memory, in bytes: VmRSS now, VmHWM at its highest."""
+    """Return a value of /proc/self/status in bytes. field: VmRSS, the resident memory now, or VmHWM, its peak."""
     lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
     return int(lines[field].split()[0]) * 1024
 
@@ -19,7 +19,7 @@ def forget_peak():
 
 
 class Memory:
-    """Resident memory of this process from now on, in bytes; the system's record of the peak is set back first."""
+    """Measurement of this process's resident memory in bytes from here on; the system's record of the peak is reset first."""
 
     def __init__(self):
         try:

@@ -57,8 +57,8 @@ SWAPPED = {"min": "max", "max": "min", "sorted": "list", "any": "all", "all": "a
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change. number: of the module's changes; function: where it is; before, after: the expression as source; turn: which
-    one it is of those that have its key, counted from 1."""
+    """One change of a module. number: of the module's changes; function, line: where it is; before, after: the expression as
+    source; turn: its rank among those with the same key, from 1."""
 
     module: str
     number: int
@@ -83,12 +83,12 @@ class Mutant:
 
 
 def source_of(module):
-    """The syntax tree of a module of conformance/reference."""
+    """Return the syntax tree of a module of conformance/reference."""
     return ast.parse((NAIVE / f"{module}.py").read_text(encoding="utf-8"))
 
 
 def alternatives(node):
-    """Other expressions that may stand in the place of a node, each a small mistake of somebody who writes a decoder."""
+    """Return other expressions for a node of a syntax tree, each a small mistake that an author of a decoder could make."""
     if isinstance(node, ast.Constant) and type(node.value) is int:
         return [ast.Constant(node.value + 1), *([ast.Constant(node.value - 1)] if node.value > 0 else [])]
     if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARISONS:
@@ -137,7 +137,7 @@ class _Changer(ast.NodeTransformer):
 
 
 def mutants_of(module):
-    """Every Mutant of a module of conformance/reference."""
+    """Return every Mutant of a module of conformance/reference."""
     changer, tree, turns, out = _Changer(), source_of(module), Counter(), []
     left_out = {node.lineno for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in TOLERANCES}
     changer.visit(tree)
@@ -151,7 +151,7 @@ def mutants_of(module):
 
 @cache
 def called_at_import(module):
-    """Names that a module calls to make its constants: no case that finds the module loaded is seen to call them."""
+    """Return the functions that a module calls at import, for its constants; no trace of a case shows those calls."""
     statements = source_of(module).body
     assigned = [statement for statement in statements if isinstance(statement, ast.Assign)]
     calls = [node for statement in assigned for node in ast.walk(statement) if isinstance(node, ast.Call)]
@@ -159,7 +159,7 @@ def called_at_import(module):
 
 
 def changed_code(mutant):
-    """The compiled module with the change."""
+    """Return the compiled module with a Mutant's change."""
     tree = _Changer(mutant.number).visit(source_of(mutant.module))
     return compile(ast.fix_missing_locations(tree), f"{mutant.module} changed", "exec")
 
@@ -182,8 +182,8 @@ class _Importer(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 @dataclass
 class Case:
-    """A vector at one level of detail. expected: its queries, as queries.json has them; said: hashes of its arrays and what is
-    wrong with its answers, or how it is refused; functions: those that it calls."""
+    """A vector at one level of detail. expected: its queries, as in queries.json; said: hashes of its arrays and whether its
+    answers are wrong, or how it is refused; functions: those it calls."""
 
     name: str
     data: bytes
@@ -194,7 +194,7 @@ class Case:
     expected: dict | None = None
 
     def runs(self, mutant):
-        """Whether the case calls the function of a mutant; of what runs at import, whether it calls one of the module."""
+        """Return whether the case calls the function of a mutant, or, if that runs at import, any function of its module."""
         if mutant.function == TOP or mutant.function in called_at_import(mutant.module):
             return any(module == mutant.module for module, _ in self.functions)
         return (mutant.module, mutant.function) in self.functions
@@ -213,8 +213,8 @@ def cases_of():
 
 
 def answer(case):
-    """What the naive decoder that is loaded makes of a case: array hashes, or the name of its refusal. What else is raised is a
-    wrong answer, whatever it is."""
+    """Decode a case with the loaded reference decoder; return {array: SHA-256} or the name of its refusal. Any other exception
+    is a wrong answer."""
     from conformance.reference import decoder
     from conformance.reference.bits import Invalid, Unsupported
 
@@ -238,7 +238,7 @@ def answer(case):
 
 
 def traced(case):
-    """The case with its answer, its seconds and the functions that it calls; one that takes more than SLOWEST has none."""
+    """Return the case with its answer, seconds and the functions it calls; none if it takes more than SLOWEST seconds."""
     called, folder, begin = set(), str(NAIVE), time.process_time()
 
     def stop(*_):
@@ -258,7 +258,7 @@ def traced(case):
 
 
 def known_cases(cases, path):
-    """The cases traced; what was found before is read from a file, and written there, by all that it depends on."""
+    """Return the traced cases that call functions. Known traces, keyed by a hash of their inputs, are in the file path."""
     before = json.loads(path.read_text(encoding="utf-8")) if path and path.exists() else {}
     sources = b"".join(file.read_bytes() for file in sorted(NAIVE.glob("*.py")))
     for case in cases:
@@ -276,8 +276,8 @@ def known_cases(cases, path):
 
 
 def killer_of(mutant, cases):
-    """The name of the first case, the quickest first, that tells a mutant from the decoder; None for a survivor. In a process of
-    its own, which may hang or fall."""
+    """Return the name of the first of cases whose answer a mutant changes; None if it survives. They run in a child process,
+    which may hang or crash."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -311,7 +311,7 @@ def _try_cases(mutant, cases, writing):
 
 @cache
 def clauses_of(module):
-    """{function: the clauses that its docstring, or that of what it stands in, names} of a module."""
+    """Return {function: clauses that its docstring names, or that of what contains it} of a module."""
     clauses_by_place = {}
 
     def walk(node, place, outer):
@@ -326,7 +326,8 @@ def clauses_of(module):
 
 
 def page_of(killers, equivalents, remark=""):
-    """docs/reports/mutants.md. killers: {Mutant: killer or None}; remark: what was run, a sentence or more."""
+    """Return the text of docs/reports/mutants.md. killers: {Mutant: name of a case or None}; equivalents: known to change
+    nothing; remark: what was run, in sentences."""
     survivors = [m for m, killer in killers.items() if killer is None and m.name not in equivalents]
     settled = len(killers) - len(survivors)
     share = settled / max(len(killers), 1)
@@ -365,7 +366,7 @@ def page_of(killers, equivalents, remark=""):
 
 
 def is_of(mutant, part):
-    """Whether a mutant is in a function, or in one that stands for a clause or what is below it."""
+    """Return whether a mutant is in a part: a function, or the functions of a clause and of its subclauses."""
     clauses = clauses_of(mutant.module).get(mutant.function, [])
     return part in (mutant.function, mutant.function.split(".")[-1], f"{mutant.module}.{mutant.function}") or any(
         f"{clause}.".startswith(f"{part}.") for clause in clauses)
@@ -387,7 +388,7 @@ def _arguments(arguments):
 
 
 def wanted_mutants(args):
-    """(those that are asked for, how they were chosen as a sentence)."""
+    """Return (the mutants that the parsed arguments select, a sentence on how)."""
     every = [m for module in args.module or MODULES for m in mutants_of(module)]
     chosen_mutants = [m for m in every if not args.only or any(is_of(m, part) for part in args.only)][:: args.every]
     if args.sample is None or args.sample >= len(chosen_mutants):
@@ -398,7 +399,7 @@ def wanted_mutants(args):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     args = _arguments(arguments)
     sys.path.insert(0, str(REPOSITORY / "tests"))
     wanted, chosen = wanted_mutants(args)

@@ -57,17 +57,17 @@ ROW = re.compile(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| [^|]+ \| (?:seeds|search
 
 
 def number(value: float) -> str:
-    """A value in few digits; more where it is close to 1, as bounds of rounding are."""
+    """Return a value as text in few digits, more if it is close to 1, as bounds of rounding are."""
     return f"{value:.10g}" if 0 < abs(value - 1) < 1e-3 else f"{value:.4g}"
 
 
 def bound_of(case: Case) -> str:
-    """The bound with its unit."""
+    """Return the bound of a case as text, with its unit."""
     return f"{number(case.bound)} {case.unit}"
 
 
 def row_of(case: Case, worst: Worst) -> str:
-    """A case's row."""
+    """Return the row of a case in the Markdown table, with its worst value."""
     size = f" {SIZES[worst.size]}" if case.heavy else ""
     share = f"{100 * worst.value / case.bound:.3g} %" if case.bound else "none"
     return (f"| {case.name} | {bound_of(case)} | {number(worst.value)} | {share} | {worst.by} | {worst.trials:,}{size} | "
@@ -75,12 +75,12 @@ def row_of(case: Case, worst: Worst) -> str:
 
 
 def rows_of(page: str) -> dict[str, tuple[str, float]]:
-    """(bound with its unit, worst value) by the name of the case, from a page."""
+    """Return {name of a case: (bound with its unit, worst value)} from the text of a page."""
     return {m[1]: (m[2], float(m[3])) for m in ROW.finditer(page)}
 
 
 def page_of(worst_by_case: dict[str, Worst], pictures: list[str]) -> str:
-    """The page. worst_by_case: Worst by the name of the case; pictures: files of those that were drawn."""
+    """Return the text of the page. worst_by_case: {name: Worst}; pictures: file names of the plots."""
     out = [HEAD.format(made=made_on()), *TABLE, *(row_of(CASES[name], worst) for name, worst in worst_by_case.items()), "",
            f"{len(worst_by_case)} cases, {sum(w.trials for w in worst_by_case.values()):,} trials."]
     for group in GROUPS:
@@ -96,7 +96,7 @@ def page_of(worst_by_case: dict[str, Worst], pictures: list[str]) -> str:
 
 
 def draw_scales(panel: object) -> None:
-    """Error of positions against the scale of the mesh, at the origin and away from it."""
+    """Plot the error of positions against the scale of the mesh, at the origin and away from it. panel: axes of matplotlib."""
     room = MODULES["coordinate"]
     for away, name in ((0, "at the origin"), (1e6, "1e6 extents away"), (1e12, "1e12 extents away")):
         worst = []
@@ -110,7 +110,7 @@ def draw_scales(panel: object) -> None:
 
 
 def draw_levels(panel: object) -> None:
-    """The largest error of fixed point after each level."""
+    """Plot the largest error of fixed point after each level of the transform. panel: axes of matplotlib."""
     room = MODULES["transform"]
     for total, children, name in ((room.REACHABLE, room.rebuilt, "kernels, 2^28 voxels"),
                                   (room.BEYOND, room.in_plain_integers, "clause, 2^40 voxels")):
@@ -122,7 +122,7 @@ def draw_levels(panel: object) -> None:
 
 
 def draw_ties(panel: object) -> None:
-    """How near to a tie coefficients come, and how far the encoder's floats are off."""
+    """Plot how near coefficients come to a rounding tie, and the error of the encoder's floats. panel: axes of matplotlib."""
     ties, errors = [], []
     for i in range(BLOCKS):
         scaled, exact, _, _ = MODULES["transform"].scaled_block(Draws(np.random.default_rng(i)))
@@ -146,7 +146,7 @@ PICTURES: dict[str, tuple[str, str, Callable[[object], None]]] = {
 
 
 def draw(folder: Path) -> list[str]:
-    """Draws all pictures into a folder; their files, none where matplotlib is not installed."""
+    """Draw all plots into a folder and return their file names; [] without matplotlib."""
     pyplot = load_pyplot()
     if pyplot is None:
         return []
@@ -192,7 +192,7 @@ def _run(case: Case, args: argparse.Namespace) -> Worst:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     args = _arguments(arguments)
     rows = map(json.loads, args.state.read_text(encoding="utf-8").splitlines()) if args.state and args.state.exists() else ()
     known, worst_by_case, broken = {row.pop("case"): Worst(**row) for row in rows}, {}, []

@@ -46,13 +46,13 @@ PAIRS = ("asset", "ours: source, decoded", "three.js: source, decoded", "three.j
 
 @dataclass(frozen=True)
 class Shown:
-    """Pictures of one asset: uint8 [H, W, 3] over white for each view, and bool [H, W], where a pixel is covered."""
+    """Pictures of one asset by view. images: uint8 [H, W, 3] over white; covered: masks bool [H, W] of the pixels it covers."""
 
     images: list
     covered: list
 
     def add(self, image, covered, averaged):
-        """Adds a view, `averaged` samples a side to a pixel, which counts as covered where all of them are."""
+        """Add the picture of a view, reduced by blocks of averaged x averaged samples; a pixel is covered if all of them are."""
         if averaged > 1:
             blocks = covered.reshape(len(covered) // averaged, averaged, -1, averaged)
             image, covered = box_down(image, averaged), blocks.all(axis=(1, 3))
@@ -61,15 +61,15 @@ class Shown:
 
 
 def light_of(name):
-    """The Environment that both renderers stand in: all of the daylight, its sky alone, or its lights alone; None for "flat". The
-    lights have no radius, as those of three.js have none."""
+    """Return the Environment for both renderers by name: "daylight", its "sky" or its "lights" alone; None for "flat". Lights
+    have no radius, as in three.js."""
     lights = tuple(replace(light, radius=0.0) for light in DAYLIGHT.lights)
     return {"flat": None, "sky": replace(DAYLIGHT, lights=()), "daylight": replace(DAYLIGHT, lights=lights),
             "lights": replace(DAYLIGHT, lights=lights, gradient=0 * DAYLIGHT.gradient)}[name]
 
 
 def sky_map(environment, size=SKY_SIZE):
-    """The sky as float32 [H, W, 4], linear RGBA by longitude and latitude, the nadir first; None where it is black."""
+    """Return the sky as an image float32 [H, W, 4], linear RGBA by longitude and latitude, nadir first; None if it is black."""
     if environment is None or not environment.gradient.any():
         return None
     width, height = size
@@ -80,25 +80,25 @@ def sky_map(environment, size=SKY_SIZE):
 
 
 def cameras_of(scene, views, size):
-    """Cameras of compare_views() about a reference."""
+    """Return the cameras of compare_views() around a scene. views: their number; size: side of a picture in pixels."""
     centre, radius = bounding_sphere(scene.positions)
     return [orthographic(fibonacci_direction(i, views), centre, radius, size) for i in range(views)]
 
 
 def camera_json(camera):
-    """A Camera as three_check.mjs takes it."""
+    """Return a Camera as JSON-ready dict for three_check.mjs."""
     axes = {name: getattr(camera, name).tolist() for name in ("right", "up", "forward", "eye")}
     return axes | {"half": camera.half, "depth": camera.half}
 
 
 def lights_json(environment):
-    """Lights of an Environment as three_check.mjs takes them; three.js, too, counts irradiance."""
+    """Return the lights of an Environment as JSON-ready list for three_check.mjs; three.js, too, takes irradiance."""
     lights = environment.lights if environment else ()
     return [{"direction": light.direction.tolist(), "colour": light.irradiance.tolist()} for light in lights]
 
 
 def ours(scene, cameras, settings, averaged=1):
-    """Shown by our renderer."""
+    """Draw a scene with texfcodec's renderer for each camera; return the Shown. averaged: samples a side per pixel."""
     draw, out = renderer(scene, settings), Shown([], [])
     for camera in cameras:
         picture = draw(camera)
@@ -109,7 +109,7 @@ def ours(scene, cameras, settings, averaged=1):
 
 
 def theirs(folder, name, views, size, averaged=1):
-    """Shown by three.js, from what three_check.mjs wrote. size: of the drawn pictures."""
+    """Return the Shown of pictures that three_check.mjs has left in a folder. size: side in samples; averaged: as of ours()."""
     out = Shown([], [])
     for view in range(views):
         raw = np.fromfile(folder / f"{name}-{view}.rgba", np.uint8).reshape(size, size, 4)[::-1]
@@ -118,8 +118,8 @@ def theirs(folder, name, views, size, averaged=1):
 
 
 def agreement(first, other):
-    """PSNR in dB of R, G and B together and of Y of two Shown, over the pixels of all views that both cover; the share of pixels
-    covered by either that both cover; and the share that differs by more than 8 of 255."""
+    """Compare two Shown over the pixels that both cover; return (PSNR of RGB in dB, of Y, share of the pixels covered by either
+    that both cover, share that differs by more than 8 of 255)."""
     error, either, far = ColourError(), 0, 0
     for a, b, here, there in zip(first.images, other.images, first.covered, other.covered, strict=True):
         both = here & there
@@ -131,7 +131,8 @@ def agreement(first, other):
 
 
 def draw_theirs(subjects, cameras, environment, args):
-    """Draws the files of subjects {name: [path]} with three.js into args.out / "three"; returns what three_check.mjs reports."""
+    """Draw files with three.js into args.out / "three" and return the facts of three_check.mjs. subjects: {name: [path]};
+    cameras: {name: [Camera]}."""
     modules = args.modules or node_modules(args.out)
     if modules is None or not shutil.which("node"):
         raise SystemExit("three.js cannot be had: node or npm is missing")
@@ -155,7 +156,7 @@ def draw_theirs(subjects, cameras, environment, args):
 
 
 def coded(names, args):
-    """{name: (source, decoded)} of assets; what stands in the folder already is not coded again."""
+    """Encode and decode assets unless args.out has the results; return {name: (source path, decoded path)}."""
     paths = {name: (args.assets / f"{name}.glb", args.out / f"{name}.glb") for name in names}
     for source, mesh in paths.values():
         stream = mesh.with_suffix(".texf")
@@ -166,7 +167,7 @@ def coded(names, args):
 
 
 def keep(folder, name, shown):
-    """Keeps the views of one asset: side by side what each Shown has."""
+    """Save a picture per view that shows the Shown of one asset side by side."""
     from PIL import Image
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -175,7 +176,7 @@ def keep(folder, name, shown):
 
 
 def row_of(name, scenes, cameras, settings, args):
-    """(cells of the table, PSNR RGB of the renderers) of a subject of one scene or two."""
+    """Return (cells of the table, PSNR RGB of ours against three.js) of a subject. scenes: [its Scene], or [source, decoded]."""
     here = [ours(scene, cameras, settings, args.averaged) for scene in scenes]
     there = [theirs(args.out / "three", f"{name}-{number}", args.views, args.size * args.averaged, args.averaged)
              for number in range(len(scenes))]
@@ -195,7 +196,7 @@ def row_of(name, scenes, cameras, settings, args):
 
 
 def arguments_of(words):
-    """The command line."""
+    """Parse the words of the command line and return the arguments."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("streams", type=Path, nargs="*", metavar="STREAM.texf")
     parser.add_argument("--assets", type=Path, metavar="FOLDER")
@@ -223,7 +224,7 @@ def arguments_of(words):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     args = arguments_of(arguments)
     args.out.mkdir(parents=True, exist_ok=True)
     subjects = {path.stem: (path,) for path in args.streams}

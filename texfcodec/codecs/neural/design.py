@@ -35,8 +35,8 @@ NETWORK_GUESS = 8000  # parameters; only where the hash table's share is worked 
 
 @dataclass
 class Design:
-    """payload: without codes and halves; tables: payload.Tables by field, without values; resident: as resident_bytes()
-    returns."""
+    """Sizes of a fit before it begins. payload: payload.Payload without codes and halves; tables: payload.Tables by field,
+    without values; resident: as resident_bytes() returns."""
 
     payload: Payload
     tables: list[Tables]
@@ -44,7 +44,8 @@ class Design:
 
 
 def choose_design(surfaces: list[LatticeMesh], position_bits: int, components: int, options: NeuralOptions) -> Design:
-    """The Design that options request. surfaces: by field; components: 3 or 4."""
+    """Return the Design (grids of latents, network) that options request. surfaces: decoded meshes by field; components: outputs
+    of the network."""
     point = options.point or DEFAULT_POINT
     if options.latent_index == "hash":
         return hashed_design(point, components, len(surfaces))
@@ -53,7 +54,7 @@ def choose_design(surfaces: list[LatticeMesh], position_bits: int, components: i
 
 
 def point_bytes(name: str) -> int:
-    """Resident bytes of one of the paper's operating points, with three output components."""
+    """Return the bytes on a GPU of an operating point of the paper, with three output components. name: a key of POINTS."""
     return resident_bytes(_hashed(name, 3))["total"]
 
 
@@ -64,7 +65,8 @@ def _hashed(name, components):
 
 
 def hashed_design(name: str, components: int, fields: int) -> Design:
-    """The paper's own form of an operating point: hash tables over cells of a few voxels of a grid of 2048."""
+    """Return the Design of an operating point in the paper's own form: hash tables over cells of a few voxels of a grid of 2048.
+    name: a key of POINTS."""
     payload = _hashed(name, components)
     tables = [Tables(payload, number, [None] * len(payload.levels)) for number in range(fields)]
     return Design(payload, tables, resident_bytes(payload))
@@ -72,10 +74,10 @@ def hashed_design(name: str, components: int, fields: int) -> Design:
 
 def surface_design(surfaces: list[LatticeMesh], position_bits: int, budget: int, components: int,
                    options: NeuralOptions) -> Design:
-    """The finest surface grid of latents that fits `budget` resident bytes. The payload includes a hash table if
-    options.latent_index is "mixed".
+    """Return the Design with the finest grid of latents at the surface's voxels that fits `budget` bytes on a GPU. The payload
+    includes a hash table if options.latent_index is "mixed".
 
-    surfaces: by field. Raises InputError TXF-I54 if not even one latent fits.
+    surfaces: decoded meshes by field; components: outputs of the network. Raises InputError TXF-I54 if not even one latent fits.
     """
     log2 = 0
     if options.latent_index == "mixed":

@@ -39,8 +39,9 @@ NO_SLOPE = np.zeros((0, 0), np.float32)
 
 
 class Fit:
-    """State of a fit. design: payload.Payload without codes and halves; tables: payload.Tables by field; samples, held_out:
-    fit_samples.Samples; batch: samples per step; judged: components whose PSNR decides whether the fit still improves."""
+    """A fit of latents and a network to samples of the surface: parameters, optimiser's state and log. design: payload.Payload
+    without codes and halves; tables: payload.Tables by field; samples, held_out: fit_samples.Samples; batch: samples per step;
+    judged: components whose PSNR decides whether the fit still improves."""
 
     def __init__(self, design: Payload, tables: list[Tables], samples: Samples, held_out: Samples, seed: int = 0,
                  threads: int = 1, batch: int = BATCH, judged: Sequence[int] = (0, 1, 2)) -> None:
@@ -106,8 +107,9 @@ class Fit:
 
     def learn(self, samples: Samples, cells: tuple[np.ndarray, np.ndarray], pool: ThreadPoolExecutor,
               slope: np.ndarray = NO_SLOPE) -> float:
-        """Adds the gradient at samples. Returns the squared error, weighted and summed over components. slope: float32 [M, C],
-        derivatives by the outputs that replace those of the squared error; cells: of cells_of."""
+        """Add the gradient of the squared error at samples to the fit's gradient. Returns that error, weighted and summed over
+        components. cells: of cells_of; pool: threads; slope: float32 [M, C], derivatives by the network's outputs that replace
+        those of the squared error."""
         (_, weight, bias), (cell, corners) = self.values, cells
         turned = np.ascontiguousarray(weight.transpose(0, 2, 1))
         cuts = np.linspace(0, len(samples), PARTS + 1).astype(np.int64)
@@ -121,8 +123,8 @@ class Fit:
         return sum(pool.map(train_part, range(PARTS)))
 
     def move(self, decay: float, step: int, pool: ThreadPoolExecutor) -> None:
-        """Moves all parameters against their gradient and clears the gradient. decay: factor of the rates; step: number of the
-        move, from 1."""
+        """Move all parameters against their gradient and clear the gradient. decay: factor of the learning rates; step: number
+        of the move, from 1; pool: threads."""
         latent = self.values[0]
 
         def move_part(k):
@@ -142,7 +144,8 @@ class Fit:
             array[...] = 0
 
     def answers(self, samples: Samples, cells: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Outputs of the network at samples, in float32: [M, C] on the scale 0..255, not clipped. cells: of cells_of."""
+        """Return the network's outputs at samples, float32 [M, C] on the scale 0..255, not clipped. cells: the latents around
+        the samples, of cells_of."""
         got = np.empty((len(samples), self.design.components), np.float32)
 
         def evaluate_block(begin):
@@ -161,8 +164,8 @@ class Fit:
         """Updates values, means, squares, times and codes, if a subclass keeps them elsewhere."""
 
     def errors(self, exact: bool = False) -> np.ndarray:
-        """Sums over the held-out points by component, float64 [2, C]: weighted squared errors, and weights. exact: use the
-        integer evaluation of payload() instead of the float evaluation."""
+        """Return sums over the held-out points by component, float64 [2, C]: weighted squared errors, and weights. exact:
+        evaluate payload() in integers, as a decoder does, instead of in floats."""
         want, share = self.held_out.target, self.held_out.share / 255.0
         if exact:
             payload, got = self.payload(), np.empty((len(want), self.design.components), np.float32)
@@ -191,10 +194,11 @@ class Fit:
 
     def run(self, steps: int, on_look: Callable[[Fit, int], object] = lambda fit, steps: None,
             checkpoint: Path | None = None) -> Payload:
-        """Takes the remaining of `steps` steps, or fewer if the fit no longer improves. Returns the payload.
+        """Train until step number `steps`, or less if the fit no longer improves, and return the payload.
 
-        on_look(fit, steps): called LOOKS times on the way; log holds {"step", "seconds", "train_psnr", "psnr"} of each call.
-        checkpoint: path to which the state is written periodically, and from which it is read if the file exists.
+        on_look(fit, steps): called LOOKS times on the way, after the PSNR at held-out points is measured; log holds {"step",
+        "seconds", "train_psnr", "psnr"} of each call. checkpoint: path to which the state is written periodically, and from
+        which it is read if the file exists.
         """
         if checkpoint is not None:
             self._resume(checkpoint, steps)
@@ -264,7 +268,8 @@ class Fit:
 
 
 def pooled_psnr(errors: np.ndarray, components: Sequence[int]) -> float:
-    """PSNR in dB over some components. errors: sums as errors() returns; infinite without weight or error."""
+    """Return the PSNR in dB over some components together. errors: float64 [2, C] as Fit.errors() returns; infinite without
+    weight or error."""
     error, weight = errors[:, list(components)].sum(axis=1)
     return decibels(float(error / max(weight, TINY)))
 

@@ -22,7 +22,7 @@ def _cell_coordinates(position, resolution):
 
 
 def order_on(position: Any) -> Any:
-    """order_along_curve() of a tensor int32 [M, 3]: tensor int64 [M]."""
+    """Return order_along_curve() on a device: from a tensor int32 [M, 3] of positions to a tensor int64 [M]."""
     import torch
 
     x, y, z = _cell_coordinates(position, CURVE).unbind(1)
@@ -30,8 +30,8 @@ def order_on(position: Any) -> Any:
 
 
 def cells_on(position: Any, field: Any, tables: list) -> tuple[Any, Any]:
-    """cells_of() with another order of cells: tensors (cell int32 [M, L], corners int32 [cells, 8]). position: tensor int32 [M,
-    3]; field: tensor int16 [M]."""
+    """Return cells_of() on a device, with another order of cells: tensors (cell int32 [M, L], corners int32 [cells, 8]).
+    position: tensor int32 [M, 3]; field: tensor int16 [M]; tables: payload.Tables by field."""
     import torch
 
     device, levels, num_cells, corners = position.device, len(tables[0].index[0]), 0, []

@@ -20,15 +20,16 @@ def _power(count):
 
 
 def block_of(batch: int) -> int:
-    """Samples per program of the fused step."""
+    """Return the number of samples that each GPU program of the fused step takes from a batch of so many samples."""
     return next(block for least, block in BLOCKS if batch >= least)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Sizes of a design on the device. feature_block, wave_block: padded latents of a level and padded waves, which follow one
-    another in the network's inputs; outputs: padded widths of the layers; inputs: padded widths of their inputs; weights, biases:
-    begin of each layer in the vector of `size` parameters, matrices [outputs, inputs] row by row; block: samples per program."""
+    """Sizes of a design's latents and network on the GPU, padded to powers of two. feature_block, wave_block: padded latents of
+    a level and padded waves, which follow one another in the network's inputs; outputs: padded widths of the layers; inputs:
+    padded widths of their inputs; weights, biases: begin of each layer in the vector of `size` parameters, matrices [outputs,
+    inputs] row by row; block: samples per program."""
 
     batch: int
     block: int
@@ -50,7 +51,7 @@ class Layout:
 
     @classmethod
     def of(cls, design: Payload, batch: int, block: int = 0) -> Layout:
-        """Layout of a design. batch: samples per batch; block: 0 takes block_of(batch)."""
+        """Return the Layout of a design. batch: samples per batch; block: samples per GPU program, 0 takes block_of(batch)."""
         features, waves, levels = _power(design.features), _power(WAVE_INPUTS * design.octaves), len(design.levels)
         outputs = tuple(_power(width) for width in design.widths[1:])
         inputs = (levels * features + waves, *outputs[:-1])

@@ -86,7 +86,7 @@ def fit_payload(source: CodecSource, options: NeuralOptions, report: Report) -> 
 
 
 def components_of(channels: Sequence[Channel]) -> dict[Channel, range]:
-    """Range of each channel's components among the components of all channels."""
+    """Return for each channel the range of its components, as all channels' components follow one another."""
     ends = np.cumsum([channel.components for channel in channels]).tolist()
     return {channel: range(end - channel.components, end) for channel, end in zip(channels, ends, strict=True)}
 

@@ -32,8 +32,8 @@ NOISE, FLOOR = 4.0, 0.3  # levels of 255 that every place is taken to vary by; s
 
 @dataclass
 class Samples:
-    """position: int32 [M, 3] as infer takes them; target: uint8 [M, C]; share: uint8 [M, C], weights of the squared errors;
-    field: int16 [M]."""
+    """Points on the surface and their values to fit. position: int32 [M, 3] as infer takes them; target: uint8 [M, C]; share:
+    uint8 [M, C], weights of the squared errors, 255 for 1; field: int16 [M], number of each point's field."""
 
     position: np.ndarray
     target: np.ndarray
@@ -44,7 +44,7 @@ class Samples:
         return len(self.position)
 
     def taken(self, rows: np.ndarray | slice) -> Samples:
-        """The selected samples. rows: int64 [m] or slice."""
+        """Return only the selected samples. rows: int64 [m] or slice."""
         return Samples(self.position[rows], self.target[rows], self.share[rows], self.field[rows])
 
 
@@ -74,8 +74,8 @@ class Source:
         return len(self.weights)
 
     def at(self, face: np.ndarray, bary: np.ndarray, threads: int) -> Samples:
-        """Samples at places on the surface: face int64 [M]; bary float64 [M, 3]. A channel without a map in the face's material
-        has weight 0."""
+        """Return Samples, positions with the source's values, at places on the surface: face int64 [M]; bary float64 [M, 3]. A
+        channel without a map in the face's material has weight 0."""
         points = np.einsum("mk,mkc->mc", bary, self.lattice[self.faces[face]])
         rgba = np.rint(sample_source(self.packed, face, bary, threads)).astype(np.uint8)
         # what cannot be seen need not be right
@@ -94,7 +94,7 @@ class Source:
         return Samples(cube_positions(points * self.scale), target, share, self.face_field[face].astype(np.int16))
 
     def draw(self, count: int, seed: int | Sequence[int]) -> Samples:
-        """Samples spread evenly by area over the coded surface."""
+        """Return `count` random Samples, spread evenly by area over the coded surface."""
         return self.at(*sample_surface(self.lattice, self.faces, count, seed, self.areas), self.threads)
 
     def draw_busy(self, count: int, seed: Sequence[int]) -> Samples:
@@ -159,15 +159,16 @@ def _corner_rows(position, resolution, log2, first, salt, slots, bricks, words, 
 
 
 def order_along_curve(position: np.ndarray) -> np.ndarray:
-    """Order of points along a Morton curve of 2048 cells a side: neighbours in this order read the same latents."""
+    """Return the order, int64 [M], of points along a Morton curve of 2048 cells a side: neighbours in this order read the same
+    latents. position: int32 [M, 3], as infer takes them."""
     keys = np.empty(len(position), np.int64)
     _keys(position, 2048, keys)
     return np.argsort(keys, kind="stable")
 
 
 def cells_of(samples: Samples, tables: list) -> tuple[np.ndarray, np.ndarray]:
-    """The latents around each sample: (cell int32 [M, L], corners int32 [cells, 8]). Row cell[i, n] of corners contains the rows
-    of the eight latents of level n around sample i, -1 for absent latents. tables: payload.Tables by field."""
+    """Find the rows of the latents around each sample: (cell int32 [M, L], corners int32 [cells, 8]). Row cell[i, n] of corners
+    contains the rows of the eight latents of level n around sample i, -1 for absent latents. tables: payload.Tables by field."""
     levels = len(tables[0].index[0])
     cell, corners, num_cells = np.empty((len(samples), levels), np.int32), [], 0
     for number, table in enumerate(tables):

@@ -42,10 +42,10 @@ def cuda_is_there() -> bool:
 
 @dataclass
 class State:
-    """Tensors on the device. position int32 [S, 3], target, share uint8 [S, C], cell int32 [S, L], corners int32 [.., 8]: the
-    samples in batches; latent float32 [N, padded], row_square float32 [N], times int32 [N], codes int8 [N, padded]; net, mean,
-    square float32 [P]: the network in the form of Layout; order int32 [T]: batch of each step; schedule float32 [T, 3]: decay of
-    the rates and the two scales of Adam; errors float32 [T]; counter int32 [1]: next step; warming: as fit.WARMING."""
+    """Tensors of a fit on the device. position int32 [S, 3], target, share uint8 [S, C], cell int32 [S, L], corners int32 [..,
+    8]: the samples in batches; latent float32 [N, padded], row_square float32 [N], times int32 [N], codes int8 [N, padded]; net,
+    mean, square float32 [P]: the network in the form of Layout; order int32 [T]: batch of each step; schedule float32 [T, 3]:
+    decay of the rates and the two scales of Adam; errors float32 [T]; counter int32 [1]: next step; warming: as fit.WARMING."""
 
     position: Any
     target: Any
@@ -72,7 +72,7 @@ class State:
         return {name: getattr(self, name).clone() for name in self.MOVED}
 
     def restore(self, kept: dict[str, Any]) -> None:
-        """Mirror of copy()."""
+        """Set the tensors that a step changes back to the copies of copy()."""
         for name, value in kept.items():
             getattr(self, name).copy_(value)
 
@@ -372,7 +372,7 @@ class TorchFit(Fit):
         return graph
 
     def warm(self, steps: int) -> None:
-        """Compiles, checks and records the step, which run(steps) would otherwise do at its first step."""
+        """Compile, check and record the training step, which run(steps) would otherwise do at its first step."""
         with self.torch.no_grad():
             self._plan(steps)
             self._choose()
@@ -399,7 +399,8 @@ class TorchFit(Fit):
         return self._take_steps(self.step + 1, steps, pool)[0]
 
     def answers(self, samples: Samples, cells: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """See Fit.answers; at the held-out points it runs on the device."""
+        """Return the network's outputs at samples as Fit.answers does, computed on the device if these are the held-out
+        points."""
         if samples is not self.held_out or self.device.type not in SORTING:
             return super().answers(samples, cells)
         with self.torch.no_grad():

@@ -231,14 +231,15 @@ def _advance(counter):
 
 
 def suits(layout: Layout, components: int) -> str:
-    """Empty if the kernels can fit the design, else a sentence with the reason."""
+    """Return "" if the fused kernels can fit a design of this layout, else a sentence with the reason."""
     if layout.levels > MAX_LEVELS or len(layout.outputs) != HIDDEN_LAYERS + 1:
         return f"the fused kernels take at most {MAX_LEVELS} levels, and {HIDDEN_LAYERS} hidden layers"
     return "" if layout.batch % layout.block == 0 else f"batches must be multiples of {layout.block} samples"
 
 
 class FusedStep:
-    """Launches the kernels of a step over a fit's state on the device. state: fit_torch.State; products: of PRODUCTS."""
+    """Launches the kernels of a step over a fit's state on the device. state: fit_torch.State; products: arithmetic of the
+    matrix products, "float16", "tf32" or "float32"."""
 
     def __init__(self, state: Any, layout: Layout, products: str = "float16") -> None:
         import torch
@@ -264,7 +265,8 @@ class FusedStep:
             num_warps=4 if lay.block <= 32 else 8)
 
     def move(self, latent_rate: float, network_rate: float) -> None:
-        """Moves all parameters against their gradient, clears the gradient and increments the counter."""
+        """Move all parameters against their gradient, clear the gradient and increment the counter. The rates are those before
+        the schedule's decay."""
         s, lay = self.state, self.layout
         rows = len(s.latent)
         _move_rows[(-(-rows // ROWS),)](

@@ -210,13 +210,14 @@ def _infer(positions, levels, places, slots, bricks, words, ranks, codes, featur
 
 
 def cube_positions(grid: np.ndarray) -> np.ndarray:
-    """Positions for the evaluation (11.2), int32 of the shape of grid. grid: float64 [..., 3] grid coordinates for K =
-    2**POSITION_BITS; points outside the cube are moved to its border."""
+    """Return the integer positions at which infer() evaluates (11.2), int32 of the shape of grid. grid: float64 [..., 3] grid
+    coordinates for K = 2**POSITION_BITS; points outside the cube are moved to its border."""
     return np.floor(np.clip(grid, 0, (1 << POSITION_BITS) - 1)).astype(np.int32)
 
 
 def voxel_positions(xyz: np.ndarray, resolution: int) -> np.ndarray:
-    """Positions of voxel centres (11.2): floor((2 v + 1) 2**23 / K). xyz: integers [N, 3] in 0..K-1. Returns int32 [N, 3]."""
+    """Return the integer positions of voxel centres for infer() (11.2): floor((2 v + 1) 2**23 / K), int32 [N, 3]. xyz: integers
+    [N, 3] in 0..K-1; resolution: K."""
     return (((2 * np.asarray(xyz, np.int64) + 1) << (POSITION_BITS - 1)) // resolution).astype(np.int32)
 
 
@@ -245,9 +246,11 @@ class Tables(Protocol):
 
 
 def infer(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray:
-    """Values of points of one field. positions: int32 [M, 3] from cube_positions or voxel_positions.
+    """Evaluate latents and network of one field at points, in integers only. positions: int32 [M, 3] from cube_positions or
+    voxel_positions; tables: of the field.
 
-    Returns uint16 [M, C]: values 0..255 with VALUE_BITS fractional bits (11.7)."""
+    Returns uint16 [M, C]: values 0..255 with VALUE_BITS fractional bits (11.7).
+    """
     positions = np.ascontiguousarray(positions, np.int32)
     if len(positions) and (positions.min() < 0 or positions.max() >> POSITION_BITS):
         raise IndexError("a position outside the cube")
@@ -262,17 +265,19 @@ def infer(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray
 
 
 def answer(cube: CanonicalCube, points: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray:
-    """Values at world points float64 [M, 3], as of infer_values(); points outside the CanonicalCube are moved to its border."""
+    """Evaluate one field at world points: float32 [M, C] on the scale 0..255. points: float64 [M, 3], which are moved to the
+    border of the CanonicalCube if they are outside; tables: of the field."""
     low, high = np.array(cube.origin) - cube.side, np.array(cube.origin) + 2 * cube.side  # further out is on the border anyway
     return infer_values(cube_positions(cube.to_grid(np.clip(points, low, high), 1 << POSITION_BITS)), tables, threads)
 
 
 def infer_values(positions: np.ndarray, tables: Tables, threads: int = 1) -> np.ndarray:
-    """Values of infer() on the scale 0..255: float32 [M, C]."""
+    """Return the values of infer() as float32 [M, C] on the scale 0..255; arguments as there."""
     return infer(positions, tables, threads) * np.float32(1 / (1 << VALUE_BITS))
 
 
 def voxel_values(xyz: np.ndarray, resolution: int, tables: Tables, threads: int = 1) -> np.ndarray:
-    """The values of a field's voxels (11.8): uint8 [N, C], rounded values at their centres. xyz: integers [N, 3]."""
+    """Evaluate one field at the centres of voxels (11.8) and round: uint8 [N, C]. xyz: integers [N, 3], voxel indices;
+    resolution: voxels a side; tables: of the field."""
     values = infer(voxel_positions(xyz, resolution), tables, threads).astype(np.int64)
     return ((values + (1 << (VALUE_BITS - 1))) >> VALUE_BITS).astype(np.uint8)

@@ -33,7 +33,8 @@ class Neural(JointCodec):
     small = ({"resolution": 16, "resident_bytes": 40_000, "steps": 2, "transport": True, "fit_engine": "numba"},)
 
     def check_options(self, options: EncodeOptions) -> None:
-        """See Codec.check_options."""
+        """Raise InputError TXF-I50 for refine "fit", and for point, resident_bytes and latent_index that contradict each
+        other."""
         if options.refine == "fit":
             raise InputError("TXF-I50", "refine fit does not apply to codec 3dntc; choose auto, off or "
                                         "render", value=options.refine)
@@ -44,15 +45,16 @@ class Neural(JointCodec):
                              value=options.resident_bytes)
 
     def profile(self, values: dict) -> str:
-        """See Codec.profile."""
+        """Return the profile of streams whose fields are latents and a network: "neural"."""
         return PROFILES[2]
 
     def seconds(self, options: EncodeOptions) -> float:
-        """Seconds of the fit, with two threads."""
+        """Return the estimated seconds of the fit, by its steps, with two threads."""
         return options.steps * 6e-3
 
     def enc(self, source: Source, options: NeuralOptions, report: Report) -> Joint:
-        """See JointCodec.enc; the choices are "resident" (bytes on the GPU), "fit" (the log) and "refinement"."""
+        """Fit latents and a network to the source and return the Joint; its choices are "resident" (bytes on the GPU), "fit"
+        (the log) and "refinement"."""
         from .fit_payload import fit_payload
         from .payload import payload_values
 
@@ -60,19 +62,19 @@ class Neural(JointCodec):
         return Joint(payload_values(payload, FORM_TRANSPORT if options.transport else FORM_RESIDENT), tables, choices)
 
     def count_samples(self, values: dict, surfaces: list[LatticeMesh], position_bits: int) -> int:
-        """Count the samples for the voxels of latents (11.3). See JointCodec.count_samples."""
+        """Return the number of surface samples by which dec() derives the voxels that have latents (11.3)."""
         from ...field.voxelise import count_samples
 
         grids = [level["level_resolution"] for level in values["latent_levels"] if level["table_log2"] == 0]
         return sum(count_samples(lattice, faces, position_bits, grid) for lattice, faces in surfaces for grid in grids)
 
     def count_latents(self, values: dict) -> int:
-        """Number of rows times latents per row."""
+        """Return the number of latents in the unit: rows of all levels times latents per row."""
         return sum(level["NumRows"] for level in values["latent_levels"]) * values["num_features"]
 
     def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
             options: DecodeOptions, report: Report) -> list[Evaluator]:
-        """Return payload.Tables. See JointCodec.dec."""
+        """Derive the voxels of the latents from the surfaces, unpack the latents and return payload.Tables by field."""
         from .payload import Tables, payload_of, take_codes
 
         payload = payload_of(values, options.limits)
@@ -94,7 +96,7 @@ class Neural(JointCodec):
                               value=len(values["latent_data"]), allowed=length)
 
     def describe(self, values: dict) -> dict:
-        """The form, the levels, and the bytes of the resident form without its index, which the geometry gives."""
+        """Return {"neural": form, levels, widths, and the bytes on a GPU without the index, which the geometry gives}."""
         rows = [level["NumRows"] for level in values["latent_levels"]]
         neural = {"form": "transport" if values["form"] == FORM_TRANSPORT else "resident", "features": values["num_features"],
                   "levels": [{"resolution": level["level_resolution"], "table_log2": level["table_log2"], "rows": n}
@@ -104,7 +106,8 @@ class Neural(JointCodec):
         return {"neural": neural}
 
     def info_lines(self, group: dict) -> Iterator[str]:
-        """See Codec.info_lines."""
+        """Yield the line of texf-info: bytes, levels of latents, widths of the network. group: an entry of inspect()'s
+        groups."""
         neural = group["neural"]
         levels = ", ".join(f"{level['rows']} rows at {level['resolution']}" + (" (hashed)" if level["table_log2"] else "")
                            for level in neural["levels"])
@@ -113,8 +116,8 @@ class Neural(JointCodec):
                + f"; on a GPU {neural['latent_bytes'] + neural['network_bytes']} bytes and an index")
 
     def pack(self, evaluators: list) -> tuple[dict, dict]:
-        """Return neural_parameters in the resident form, and the voxels of the levels that are not hashed. See
-        JointCodec.pack."""
+        """Return ({}, arrays): "neural", bytes of neural_parameters in the resident form, and "latent_keys", Morton keys of the
+        voxels of all levels that are not hashed."""
         from .payload import payload_values
 
         payload = evaluators[0].payload
@@ -124,7 +127,7 @@ class Neural(JointCodec):
                     "latent_keys": np.concatenate([np.zeros(0, np.int64), *keys])}
 
     def unpack(self, facts: dict, arrays: dict, groups: tuple[Group, ...], fields: int) -> list[Evaluator]:
-        """See JointCodec.unpack; the payload is checked as in a stream."""
+        """Rebuild payload.Tables by field from the arrays of pack(); the payload is checked as in a stream."""
         from .payload import Tables, payload_of, take_codes
 
         data = np.ascontiguousarray(arrays["neural"], np.uint8).tobytes()
@@ -139,7 +142,8 @@ class Neural(JointCodec):
         return [Tables(payload, number, keys) for number, keys in enumerate(grids)]
 
     def result_lines(self, facts: dict) -> Iterator[str]:
-        """See JointCodec.result_lines."""
+        """Yield the lines of texf-enc: bytes on a GPU, then steps, seconds and PSNR of the fit. facts: the document of
+        --json."""
         from ...core.colour_error import in_decibels
 
         kept, fit, refinement = facts["resident"], facts["fit"], facts["refinement"]

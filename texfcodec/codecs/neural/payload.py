@@ -32,8 +32,8 @@ BRICK_BYTES = 24  # resident index (11.10): key, first row, first octant, octant
 
 @dataclass(frozen=True)
 class Level:
-    """resolution: voxels a side; table_log2: 0, or the hash table has 2**table_log2 rows; area_threshold: as that of a field
-    (5.5); entries: rows per field, () if the level is hashed."""
+    """One grid of latents. resolution: voxels a side; table_log2: 0, or the hash table has 2**table_log2 rows; area_threshold:
+    as that of a field (5.5); entries: rows per field, () if the level is hashed."""
 
     resolution: int
     table_log2: int
@@ -47,9 +47,9 @@ class Level:
 
 @dataclass
 class Payload:
-    """features: latents per row, even; octaves, first_wave: of the waves (11.5); hidden: widths; components: outputs; halves:
-    uint16 [P] binary16 parameters, layer by layer, weights [outputs, inputs], then biases; codes: int8 [N, features] in -8..7,
-    level by level, field by field, in the order of the Morton keys."""
+    """Latents and network of all fields. features: latents per row, even; octaves, first_wave: of the waves (11.5); hidden:
+    widths; components: outputs; halves: uint16 [P] binary16 parameters, layer by layer, weights [outputs, inputs], then biases;
+    codes: int8 [N, features] in -8..7, level by level, field by field, in the order of the Morton keys."""
 
     features: int
     octaves: int
@@ -81,31 +81,32 @@ class Payload:
         return codes, self.features, self.octaves, self.first_wave, *network_arrays(self)
 
     def first_row(self, number: int, level: int) -> int:
-        """First row of a level's latents for field `number`."""
+        """Return the first row in codes of the latents of one level (its index in levels) for field `number`."""
         before = sum(earlier.rows for earlier in self.levels[:level])
         return before + (0 if self.levels[level].table_log2 else sum(self.levels[level].entries[:number]))
 
 
 def resident_bytes(payload: Payload, index: int = 0) -> dict[str, int]:
-    """Bytes that a GPU keeps: {"latents", "network", "index", "total"}. index: sum of index_bytes over all fields and levels."""
+    """Return the bytes that a GPU keeps of a payload: {"latents", "network", "index", "total"}. index: sum of index_bytes over
+    all fields and levels."""
     sizes = {"latents": payload.rows * payload.features // 2, "network": 2 * payload.parameters, "index": index}
     return sizes | {"total": sum(sizes.values())}
 
 
 def index_bytes(keys: np.ndarray) -> int:
-    """Bytes of the resident index over one voxel set (11.10): BRICK_BYTES per 8x8x8 brick and 8 bytes of occupancy per occupied
-    4x4x4 octant. keys: ascending int64 Morton keys."""
+    """Return the bytes on a GPU of the index from one set of voxels to their latents (11.10): BRICK_BYTES per 8x8x8 brick and 8
+    bytes of occupancy per occupied 4x4x4 octant. keys: ascending int64 Morton keys."""
     return BRICK_BYTES * len(np.unique(keys >> 9)) + 8 * len(np.unique(keys >> 6))
 
 
 def enc_codes(codes: np.ndarray) -> bytes:
-    """INT4 codes of a resident payload as bytes: two per byte, the first in the low bits. codes: int8 [N, F], F even."""
+    """Pack INT4 codes of latents into bytes: two per byte, the first in the low bits. codes: int8 [N, F], F even."""
     pairs = (codes.reshape(-1, 2).astype(np.int64) & 15).astype(np.uint8)
     return (pairs[:, 0] | pairs[:, 1] << 4).tobytes()
 
 
 def dec_codes(data: bytes, features: int) -> np.ndarray:
-    """Mirror of enc_codes: int8 [N, features]."""
+    """Unpack the bytes of enc_codes to codes int8 [N, features]."""
     packed = np.frombuffer(data, np.uint8)
     pairs = np.stack([packed & 15, packed >> 4], axis=1).astype(np.int8)
     return (pairs - (pairs >= CODES // 2) * np.int8(CODES)).reshape(-1, features)
@@ -120,7 +121,8 @@ def _check_halves(halves, offset):
 
 
 def payload_values(payload: Payload, form: int) -> dict:
-    """Syntax values of neural_parameters (spec 5.7.4)."""
+    """Return the syntax values of neural_parameters (spec 5.7.4) for a payload. form: FORM_TRANSPORT codes the latents by
+    entropy, FORM_RESIDENT packs them as a GPU keeps them."""
     levels = [{"level_resolution": level.resolution, "table_log2": level.table_log2, "latent_threshold": level.area_threshold,
                "num_latents": list(level.entries)} for level in payload.levels]
     return {
@@ -132,8 +134,8 @@ def payload_values(payload: Payload, form: int) -> dict:
 
 
 def payload_of(values: dict, limits: Limits) -> Payload:
-    """Payload of an attribute unit, without its codes. There may be many, so take_codes() adds them once the levels have been
-    checked against the geometry. Raises StreamError and LimitError."""
+    """Return the Payload of an attribute unit without its codes, which may be many: take_codes() adds them once the levels have
+    been checked against the geometry. values: syntax values of the unit. Raises StreamError, LimitError."""
     levels = tuple(Level(level["level_resolution"], level["table_log2"], level["latent_threshold"], tuple(level["num_latents"]))
                    for level in values["latent_levels"])
     payload = Payload(values["num_features"], values["wave_octaves"], values["first_wave"], tuple(values["hidden_width"]), levels,
@@ -154,8 +156,8 @@ def take_codes(payload: Payload, values: dict) -> None:
 
 
 class Tables:
-    """The tables that infer reads for one field. index: the index of the latents (levels, places, slots, bricks, words, ranks),
-    built from keys; network: codes and network of payload; see infer._infer for the arrays."""
+    """The arrays from which infer evaluates one field. index: the index of the latents (levels, places, slots, bricks, words,
+    ranks), built from keys; network: codes and network of payload; see infer._infer for the arrays."""
 
     def __init__(self, payload: Payload, number: int, keys: list[np.ndarray | None]) -> None:
         """keys: per level, ascending int64 Morton keys of the field's voxels, or None if the level is hashed."""
@@ -173,7 +175,7 @@ class Tables:
             self.take_values(payload)
 
     def take_values(self, payload: Payload) -> None:
-        """Replaces codes and network by those of a payload of the same design."""
+        """Replace codes and network by those of a payload of the same design; the index stays."""
         self.payload, self.network = payload, payload.evaluated
 
     @property
@@ -182,17 +184,18 @@ class Tables:
         return *self.index, *self.network
 
     def values(self, support: VoxelSupport, threads: int = 1) -> np.ndarray:
-        """Values at the voxels of a support (11.8): uint8 [N, C]."""
+        """Return the values at the voxels of a support, at their centres (11.8): uint8 [N, C]."""
         return voxel_values(support.xyz(), support.resolution, self, threads)
 
     def query(self, cube: CanonicalCube, points: np.ndarray, threads: int = 1) -> np.ndarray:
-        """Values at world points: float32 [M, C] in 0..255. cube: CanonicalCube; points: float64 [M, 3]."""
+        """Return the values at world points: float32 [M, C] in 0..255. cube: CanonicalCube, which maps them to the grid; points:
+        float64 [M, 3]."""
         return answer(cube, points, self, threads)
 
 
 def network_arrays(payload: Payload) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The network in the form that infer reads: widths int64, padded to multiples of 4; weight int32 [layers, rows, rows]; bias
-    int64 [layers, rows], 30 fractional bits."""
+    """Return the network's parameters in the form that infer reads: widths int64, padded to multiples of 4; weight int32
+    [layers, rows, rows]; bias int64 [layers, rows], 30 fractional bits."""
     fixed = fixed_weights(payload.halves)
     weights, biases = split_parameters(fixed, payload.widths)
     padded = np.array([-(-w // 4) * 4 for w in payload.widths], np.int64)
@@ -204,7 +207,8 @@ def network_arrays(payload: Payload) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def split_parameters(flat: np.ndarray, widths: Sequence[int]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """(weights [outputs, inputs] by layer, biases [outputs] by layer). flat: parameters in stream order."""
+    """Split a network's parameters into (weights [outputs, inputs] by layer, biases [outputs] by layer). flat: [P] in stream
+    order; widths: of inputs, hidden layers and outputs."""
     weights, biases, at = [], [], 0
     for i, o in zip(widths[:-1], widths[1:], strict=True):
         weights.append(flat[at : at + i * o].reshape(o, i))
@@ -214,5 +218,5 @@ def split_parameters(flat: np.ndarray, widths: Sequence[int]) -> tuple[list[np.n
 
 
 def join_parameters(weights: list[np.ndarray], biases: list[np.ndarray]) -> np.ndarray:
-    """Mirror of split_parameters."""
+    """Concatenate the weights and biases of layers to parameters in stream order, [P]; the mirror of split_parameters."""
     return np.concatenate([np.concatenate([w.reshape(-1), b]) for w, b in zip(weights, biases, strict=True)])

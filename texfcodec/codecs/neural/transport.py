@@ -41,14 +41,15 @@ def _dec_codes(codes, state, data, contexts):
 
 
 def enc_transport(codes: np.ndarray) -> bytes:
-    """Codeword of latents. codes: int8 [N, F] in -8..7."""
+    """Code latents as the bytes of one entropy-coded codeword. codes: int8 [N, F] in -8..7."""
     out, state = np.empty(codes.size + 64, np.uint8), new_encoder()
     _enc_codes(np.ascontiguousarray(codes), state, out, new_contexts(codes.shape[1] * CLASSES * CLASSES << CODE_BITS))
     return finish(state, out)
 
 
 def dec_transport(data: bytes, rows: int, features: int) -> np.ndarray:
-    """Mirror of enc_transport: int8 [rows, features]; a short codeword reads as if zeros followed (7.6.2)."""
+    """Decode the codeword of enc_transport to latents int8 [rows, features]; a short codeword reads as if zeros followed
+    (7.6.2)."""
     codes, packed = np.empty((rows, features), np.int8), np.frombuffer(data, np.uint8)
     _dec_codes(codes, new_decoder(packed, 0, len(packed)), packed, new_contexts(features * CLASSES * CLASSES << CODE_BITS))
     return codes

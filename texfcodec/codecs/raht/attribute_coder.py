@@ -87,7 +87,7 @@ class CodedAttributes:
 
 
 def octree_of(support: VoxelSupport | TexelSupport) -> Octree:
-    """The octree over a support's keys, cached in the support for all planes on it."""
+    """Return the Octree over a support's keys, built once and cached in the support for all planes on it."""
     return support.kept("octree", lambda: Octree(support.keys, support.depth, int(support.planar)))
 
 
@@ -236,11 +236,10 @@ def _new_model(tools):
 def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], tools: Tools | None = None,
                    threads: int = 1, plan: ResidualPlan | None = None,
                    octree: Octree | None = None) -> tuple[CodedAttributes, np.ndarray]:
-    """Codes values int32 [N, C] (12 fractional bits) on ascending Morton keys int64 [N]; qp: [C] in 0..63; tools: Tools.
-
-    Returns (CodedAttributes, decoded means int32 [N, C], or with a ResidualPlan decoded values uint8 [N, C]). The result does not
-    depend on `threads`. octree: of these keys, if it exists already.
-    """
+    """Code values on voxels or texels, and return (CodedAttributes, decoded means int32 [N, C], or with a ResidualPlan decoded
+    values uint8 [N, C]). The result does not depend on `threads`. keys: int64 [N], ascending Morton keys of `depth` levels;
+    values: int32 [N, C] with 12 fractional bits; qp: [C] in 0..63; plan: bounds the error of each value; octree: of these keys,
+    if it exists already."""
     tools = tools or Tools()
     octree = octree or Octree(keys, depth, tools.planar)
     levels = octree.levels
@@ -294,10 +293,11 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
     """Decodes levels 0..stop_level. Returns the means int32 [n, C] of that level's nodes, in Morton order, or, if `inverse` is
     given, the values uint8 [n, C] that it computes from them, including their residuals.
 
-    keys: int64 [N] of all active voxels; coded: CodedAttributes without codewords; data: uint8, the unit's payload; spans:
-    (begin, end) of each codeword in data, checked by the caller against len(data); reached: list that receives, for each
-    codeword, the number of its bytes read after each of its levels, and after its residuals; octree: of these keys, if it exists
-    already. Raises StreamError for slices that begin past the nodes of their level.
+    keys: int64 [N], ascending Morton keys of all voxels or texels, of `depth` levels; coded: CodedAttributes without codewords;
+    data: uint8, the unit's payload; spans: (begin, end) of each codeword in data, checked by the caller against len(data);
+    reached: list that receives, for each codeword, the number of its bytes read after each of its levels, and after its
+    residuals; octree: of these keys, if it exists already. Raises StreamError for slices that begin past the nodes of their
+    level.
     """
     octree = octree or Octree(keys, depth, coded.planar)
     levels = octree.levels

@@ -31,7 +31,8 @@ class Raht(PlaneCodec):
              {"support": "texels", "texel_size": 8})
 
     def enc(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, options: RahtOptions) -> tuple[dict, np.ndarray]:
-        """See PlaneCodec.enc; options.max_error bounds the error of every rounded value."""
+        """Code a plane: (syntax values of raht_parameters, decoded values uint8 [N, C]). Three components are transformed as
+        RGB; options.max_error bounds the error of every rounded value."""
         from .raht_values import raht_values
         from .tool_choice import code_plane
 
@@ -40,7 +41,8 @@ class Raht(PlaneCodec):
         return raht_values(coded, colour), decoded
 
     def run_kernels(self, encoding: bool = True) -> None:
-        """See Codec.run_kernels: it decodes arbitrary bytes, then codes values with residuals."""
+        """Run the kernels once, so that their compiled code is cached: decode arbitrary bytes, then, if encoding, code values
+        with residuals."""
         from .attribute_coder import CodedAttributes, Tools, dec_attributes, enc_attributes
         from .coefficients.residual import ResidualPlan
         from .transform.colour import inverse_colour
@@ -55,11 +57,12 @@ class Raht(PlaneCodec):
             enc_attributes(keys, 2, values, qp, tools, plan=ResidualPlan(0, values, inverse_colour))
 
     def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
-        """See PlaneCodec.dec."""
+        """Decode a plane without the `levels` finest octree levels: uint8 [n, C] on support.coarser(levels)."""
         return self._dec(values, support, levels, threads)
 
     def step(self, values: dict) -> float | None:
-        """See PlaneCodec.step; the smallest of its components."""
+        """Return the quantiser's step in levels of 255, the smallest of the components. With residuals it is 2 d + 1 for the
+        largest error d, or 0 if d is 0."""
         from .transform.quantise import step_of
 
         if values["residual"]:  # the largest error and 1
@@ -67,7 +70,8 @@ class Raht(PlaneCodec):
         return min(step_of(qp) for qp in values["qp"]) / 4096
 
     def dec_watched(self, values: dict, support: VoxelSupport, threads: int) -> tuple[np.ndarray, Reading]:
-        """See PlaneCodec.dec_watched."""
+        """Decode all levels and return (values uint8 [N, C], the Reading: bytes of codewords that were not needed, and wrong
+        level_bytes)."""
         reached: list[list[int]] = []
         return self._dec(values, support, 0, threads, reached), _reading(values["codewords"], reached)
 
@@ -87,11 +91,11 @@ class Raht(PlaneCodec):
         return dec_attributes(support.keys, support.depth, coded, data, spans, stop, threads, inverse, reached, octree)
 
     def profile(self, values: dict) -> str:
-        """See Codec.profile."""
+        """Return the profile of the unit: "lossless" if it has residuals, else "base"."""
         return PROFILES[1 if values["residual"] else 0]
 
     def check(self, values: dict) -> None:
-        """Checks the relations of clauses 5.7.1 to 5.7.3."""
+        """Raise StreamError if relations of clauses 5.7.1 to 5.7.3 between the syntax values are broken."""
         if any(f["filter_mask"] >> 5 * values["NumComponents"] for f in values["filters"]):
             raise StreamError("TXF-S04", "filter_mask is out of range", clause="5.7.3", offset=values["offset"],
                               allowed=f"< 2**{5 * values['NumComponents']}")
@@ -109,12 +113,14 @@ class Raht(PlaneCodec):
                               allowed=len(values["codeword_data"]))
 
     def describe(self, values: dict) -> dict:
-        """QPs, bytes of the codewords, and bytes by octree level where the unit has a level index."""
+        """Return QPs, bytes of the codewords, slice_level, and bytes by octree level if the unit has a level index, else
+        None."""
         return {"qp": values["qp"], "codeword_bytes": [c["codeword_length"] for c in values["codewords"]],
                 "slice_level": values["slice_level"], "level_bytes": _level_bytes(values)}
 
     def info_lines(self, group: dict) -> Iterator[str]:
-        """See Codec.info_lines."""
+        """Yield the lines of texf-info: bytes, QP, number of codewords, and bytes by level. group: an entry of inspect()'s
+        groups."""
         yield (f"field {group['field_index']}, group {group['group_index']} ({group['semantic']}): {group['bytes']} bytes, "
                f"qp {group['qp']}, {len(group['codeword_bytes'])} codewords")
         if group["level_bytes"] is not None:

@@ -10,7 +10,8 @@ LEVEL_INDEX_BYTES = 4096  # smaller attribute units do without their per-level b
 
 
 def raht_values(coded: CodedAttributes, colour: bool) -> dict:
-    """Syntax values of raht_parameters (spec 5.7.1). colour: whether the BT.709 transform was used."""
+    """Return the syntax values of raht_parameters (spec 5.7.1) for coded attributes. colour: whether the BT.709 transform was
+    used."""
     lengths = [len(c) for c in coded.codewords]
     return {
         "colour_transform": TRANSFORM_BT709 if colour else TRANSFORM_NONE, "qp": coded.qp, "kernel": coded.kernel,
@@ -27,7 +28,8 @@ def raht_values(coded: CodedAttributes, colour: bool) -> dict:
 
 
 def coded_of(values: dict) -> tuple[CodedAttributes, list[tuple[int, int]]]:
-    """(CodedAttributes without codewords; (begin, end) of each codeword in codeword_data). values: of an attribute unit."""
+    """Return (CodedAttributes without codewords; (begin, end) of each codeword in codeword_data). values: syntax values of an
+    attribute unit; the mirror of raht_values()."""
     components = len(values["qp"])
     filters = [stage_of(f["filter_mask"], f["filter_coefficients"], components) for f in values["filters"]]
     first = np.cumsum([0, *values["slice_step"]]).tolist()

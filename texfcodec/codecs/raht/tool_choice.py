@@ -45,7 +45,7 @@ PIECE_VOXELS = {"fast": 1 << 11, "balanced": 1 << 13, "best": 1 << 16}  # per pi
 
 
 def tools_of(effort: str, planar: bool) -> Tools:
-    """Tools that an effort permits, before any trial."""
+    """Return the Tools of an effort before any trial. effort: a key of EFFORTS; planar: whether the cells are texels."""
     return replace(EFFORTS[effort], **PLANAR_TOOLS) if planar else EFFORTS[effort]
 
 
@@ -69,11 +69,13 @@ def _may_have_dct_blocks(keys, values, effort, planar):
 
 def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[int], effort: str, threads: int = 1,
                  planar: bool = False, dct_blocks: int | None = None, is_rough: bool = False) -> Tools:
-    """Tools for a field. Candidates of PREDICTIONS code a few pieces of the field, and the cheapest wins. Then FOLLOW_LESS,
-    PLAIN_TRANSFORM over texels, and DCT_BLOCKS for values that look like JPEG are each adopted if they reduce the cost.
+    """Choose the coding Tools for values by trial. Candidates of PREDICTIONS code a few pieces of the field, and the cheapest
+    wins. Then FOLLOW_LESS, PLAIN_TRANSFORM over texels, and DCT_BLOCKS for values that look like JPEG are each adopted if they
+    reduce the cost.
 
-    keys: int64 [N]; values: int32 [N, C]; qp: [C]; effort: a key of EFFORTS; dct_blocks: 0 or 1 if that is decided already;
-    is_rough: take the first candidate without a trial, but still try DCT_BLOCKS.
+    keys: int64 [N], ascending Morton keys of `depth` levels; values: int32 [N, C], 12 fractional bits; qp: [C]; effort: a key of
+    EFFORTS; dct_blocks: 0 or 1 if that is decided already; is_rough: take the first candidate without a trial, but still try
+    DCT_BLOCKS.
     """
     tools = replace(tools_of(effort, planar), dct_blocks=dct_blocks or 0)
     if len(keys) < LEAST_VOXELS:
@@ -105,8 +107,9 @@ def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[
 
 def choose_base(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callable[[int], list[int]], plan: ResidualPlan,
                 effort: str, threads: int = 1, planar: bool = False) -> tuple[list[int], int]:
-    """(QPs [C], 0 or 1 for DCT blocks) for values with residuals. Candidates code a few pieces of the field; the fewest bytes
-    win. qp_of: function from a QP to the components' QPs; plan: ResidualPlan; the rest as in choose_tools."""
+    """Choose how coarsely the transform codes values whose residuals follow: (QPs [C], 0 or 1 for DCT blocks). Candidates code a
+    few pieces of the field; the fewest bytes, residuals included, win. qp_of: function from a QP to the components' QPs; plan:
+    ResidualPlan; the rest as in choose_tools."""
     if effort == "fast" or len(keys) < LEAST_VOXELS:
         return qp_of(USUAL_BASE_QP), 0
     tools = tools_of(effort, planar)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ...io.container.rewritten import Rewritten
     from ...io.gltf.document import Document
 
-TOLERANCE = 1e-4  # of a quaternion's components, and of the range of other values
+TOLERANCE = 1e-5  # of a quaternion's components, and of the range of other values
 _WORTH = 200  # bytes: times of its own take an accessor in the text
 _KINDS = ("SCALAR", "VEC2", "VEC3", "VEC4")
 

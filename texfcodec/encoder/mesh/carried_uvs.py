@@ -34,7 +34,7 @@ class SeamedMesh(NamedTuple):
 
 def carried_uvs(seamed_source: SeamedMesh, corner_uv: np.ndarray, simplified: SeamedMesh, face: np.ndarray,
                 threads: int = 1) -> np.ndarray:
-    """Return UVs of a simplified mesh, float64 [G, 3, 2].
+    """Return UVs of a simplified mesh's corners, float64 [G, 3, 2], that put the source's texture where it was.
 
     corner_uv: float64 [F, 3, 2] of the source; face: int64 [G], source face that each simplified face comes from.
     """

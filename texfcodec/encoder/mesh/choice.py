@@ -89,7 +89,8 @@ class SentMesh:
     saved: float = 0.0
 
     def shown(self, scene: Scene) -> Scene:
-        """Return the source, some of whose textures may have changed, with the faces of source_on_mesh."""
+        """Return the scene that the faces of source_on_mesh belong to: the given one or, if the sent faces have UVs of their
+        own, that of this mesh with the given textures. scene: the source, some of whose textures may have changed."""
         return replace(self.scene, textures=scene.textures) if self.carries else scene
 
     def at_corners(self, corner: np.ndarray) -> np.ndarray:
@@ -99,7 +100,7 @@ class SentMesh:
 
 
 def kept(scene: Scene, surface: SourceSurface) -> SentMesh:
-    """Return the source's mesh on a lattice."""
+    """Return the source's own mesh on a lattice, without simplification, as a SentMesh."""
     return SentMesh(scene=scene, surface=SentSurface(surface), source_face=source_faces(surface), source_on_mesh=surface)
 
 
@@ -157,7 +158,7 @@ class MeshChoice:
             self.scene, self.usual, shown_of_radians(self.scene.weights), self.price.threads))
 
     def picture_error(self, surface: SourceSurface) -> PictureError:
-        """Return the PictureError of the source on another lattice."""
+        """Return the PictureError of the source on another lattice, the visible error of its rounded positions."""
         key = _LatticeKey("pictures", surface.cube.position_bits)
         return self.cache.get(key, lambda: self.pictures.of(surface, self.pictures.normals_of(surface)))
 
@@ -185,10 +186,11 @@ class MeshChoice:
 
     def smaller(self, surface: SourceSurface, group: np.ndarray, plans: list[SourcePlan],
                 step: Step = no_step) -> Decision[SentMesh]:
-        """Return the mesh that costs least among the source's and smaller ones, at the usual bits and fewer.
+        """Return the Decision on the sent mesh: the cheapest among the source's and simplified ones, at the usual position bits
+        and fewer.
 
-        surface: of finer(); group: int64 [F] of its faces: two groups stay apart; plans: TexelPlans, whose UVs go with the faces;
-        flat colours, which are exact, keep every vertex in place.
+        surface: of finer(); group: int64 [F], a number for each of its faces: simplification keeps two groups apart; plans:
+        TexelPlans, whose UVs go with the faces; flat colours, which are exact, keep every vertex in place.
         """
         usual = kept(self.scene, surface)
         if self._reason() or not self.request.mesh_is_free:
@@ -269,7 +271,8 @@ class _Search:
         return self._candidate(*self.usual)
 
     def best(self, step: Step) -> _Candidate:
-        """Return the cheapest allowed candidate: the most promising one is tried until it has been tried before."""
+        """Return the cheapest candidate that is not refused. Each turn measures the candidate of least predicted cost; the
+        search ends when that one has been measured before, or after TRIALS candidates."""
         self.meshes.begin()
         self._candidate(*self.usual)
         first = self._candidate(0, REFERENCE_BITS)
@@ -351,7 +354,7 @@ class _Search:
         return self.price.cost(size, error) if error <= self.choice.most_moved else np.inf
 
     def evidence(self, best: _Candidate, surface: Surface) -> dict:
-        """Return the tried meshes and the chosen one, for the report. surface: of the chosen mesh."""
+        """Return the entry of the report on the tried meshes and the best one. surface: of the best mesh."""
         evidence = {"reason": "lowest cost in bytes and picture error", "faces": [len(self.meshes.usual.faces), best.faces],
                 "position_bits": best.bits, "tried": [candidate.row() for candidate in self.tried.values()]}
         return evidence if best is self.at_usual else evidence | {"distance": self.meshes.distance(surface)}
@@ -406,13 +409,14 @@ class _Meshes:
         return simplify(self.source, np.concatenate(lines))
 
     def trial(self, place: int, bits: int) -> _MeshTrial:
-        """Return the mesh of a share of the faces at some position bits."""
+        """Return the mesh with a share of the faces at some position bits. place: index of the share in SHARES."""
         if (place, bits) not in self._trials:
             self._trials[place, bits] = self._new_trial(place, bits)
         return self._trials[place, bits]
 
     def keep_only(self, place: tuple[int, int]) -> None:
-        """Drop all trials but one, of share and bits. Others are computed again when they are needed, except their pictures."""
+        """Drop all trials but that at a place, (index into SHARES, bits). They are computed again when needed, except their
+        pictures."""
         self._trials = {place: self.trial(*place)}
 
     def _new_trial(self, place: int, bits: int) -> _MeshTrial:
@@ -514,7 +518,7 @@ class _Meshes:
         return np.concatenate([way, tangent[rows][..., 3:]], axis=2)
 
     def distance(self, surface: Surface) -> dict:
-        """Return D1, D2 and Hausdorff distance of a surface from the source, as SurfaceDistance.report()."""
+        """Return the D1, D2 and Hausdorff distances of a surface from the source, as SurfaceDistance.report()."""
         mesh = Mesh(surface.cube.to_world(surface.lattice), surface.faces)
         return surface_distance(self.source, mesh, samples=DISTANCE_POINTS, threads=self.choice.price.threads).report()
 

@@ -63,8 +63,9 @@ class _Heap(NamedTuple):
 
 def collapse_all(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray, kind: np.ndarray,
                  quadrics: np.ndarray) -> Collapsed:
-    """Return all collapses, in order. positions: float64 [V, 3] in -1..1; faces: int64 [F, 3] without equal corners; marked: bool
-    [F, 3]; kind: int64 [V], of topology.py; quadrics: float64 [V, 10], of quadrics.py."""
+    """Collapse allowed edges in the order of their quadric error until none is left; return all collapses in order. positions:
+    float64 [V, 3] in -1..1; faces: int64 [F, 3] without equal corners; marked: bool [F, 3], sides that are lines; kind: int64
+    [V], of vertex_kinds(); quadrics: float64 [V, 10], of vertex_quadrics()."""
     vertices, count = len(positions), len(faces)
     work = _Work(positions.copy(), quadrics.copy(), kind.copy(), faces.copy(), marked.astype(np.uint8), np.full(count, -1),
                  turned_faces(positions, faces), np.full(vertices, -1), np.full(vertices, -1), np.full(3 * count, -1),

@@ -15,8 +15,8 @@ MORTON_BITS = 16
 
 
 def draco_bytes(lattice: np.ndarray, faces: np.ndarray, position_bits: int, uv: np.ndarray | None = None) -> float:
-    """Return the bytes of one unit, infinite if Draco cannot code it. lattice: int64 [V, 3]; faces: int64 [F, 3]; uv: int64 [F,
-    3, 2] of any origin, or None."""
+    """Return the bytes of some faces as a Draco unit, infinite if Draco cannot code it. lattice: int64 [V, 3], positions; faces:
+    int64 [F, 3]; uv: int64 [F, 3, 2] of any origin, UVs of the corners, or None without UVs."""
     try:
         return _coded_bytes(lattice, faces, position_bits, uv)
     except InputError:

@@ -25,8 +25,9 @@ TURN = 0.05  # of the longest side: how much farther away a point counts that lo
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnSource:
-    """mesh: the moved faces, in the source's order; place: int64 [F, 3], face of the other mesh that each corner is on; bary:
-    float64 [F, 3, 3], position of each corner on that face."""
+    """The source's faces after a move of their corners onto another mesh. mesh: the moved faces, in the source's order; place:
+    int64 [F, 3], face of the other mesh that each corner is on; bary: float64 [F, 3, 3], position of each corner on that
+    face."""
 
     mesh: Mesh
     place: np.ndarray
@@ -40,8 +41,9 @@ class DrawnSource:
 
 
 def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndarray, threads: int = 1) -> DrawnSource:
-    """Return the source drawn onto another mesh with faces. group, other_group: int64 of each face; a face goes to faces of its
-    own group if any are about as near, so that one part of an asset is not drawn onto another."""
+    """Return the source drawn onto another mesh: each vertex moves to the nearest point there. group, other_group: int64, a
+    number for each face of the two; a source face goes to faces of its own group if any are about as near, so that one part of
+    an asset is not drawn onto another."""
     count = int(group.max(initial=0)) + 1
     pair, faces, _ = distinct(source.faces * count + group[:, None])
     points = source.positions[pair // count]
@@ -52,7 +54,7 @@ def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndar
 
 
 def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the sums of area-weighted face normals at each vertex, float64 [V, 3], not of length 1."""
+    """Return the sum of the area-weighted normals of the faces at each vertex, float64 [V, 3], not of length 1."""
     cross, out = area_normals(Mesh(positions, faces)), np.zeros_like(positions)
     for corner in range(3):
         for axis in range(3):

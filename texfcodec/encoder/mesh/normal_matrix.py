@@ -24,7 +24,7 @@ class NormalMatrix:
     block: np.ndarray
 
     def form(self, step: np.ndarray) -> float:
-        """Return step' A step. step: float64 [V, 3]."""
+        """Return the quadratic form step' A step of this matrix A. step: float64 [V, 3], displacements of the vertices."""
         return float(np.vdot(step, self @ step))
 
     def __matmul__(self, step: np.ndarray) -> np.ndarray:
@@ -64,7 +64,8 @@ class NormalEquations:
         self._right = np.zeros((vertices, 3))
 
     def add(self, points: PointResiduals, along: float, around: float) -> None:
-        """Add the squared error of points: weight (along (n r)^2 + around r^2) for a remaining residual r and direction n."""
+        """Add the squared error of points: the sum of weight * (along (n r)^2 + around r^2), with the residual r that remains of
+        a point's wanted movement and its direction n. along, around: weights of the part along n and of the whole."""
         _add(self._faces, self._slot, *points, along, around, self._block, self._right)
 
     def solve(self, stiffness: float, damping: float) -> tuple[np.ndarray, NormalMatrix]:

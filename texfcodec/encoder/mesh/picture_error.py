@@ -113,7 +113,7 @@ class PictureComparison:
     def of(self, drawn: SourceSurface, normals: np.ndarray) -> PictureError:
         """Return the PictureError of the source on another surface. drawn: faces of the source in their new places; normals: at
         their corners by normals_of() that surface, float32 [F, 3, 3]. Pictures keep the file's normals, and the error of the new
-        normals is added. Halving a distance about halves the error, as the pixels lie along lines."""
+        normals is added. Halving a distance about halves the error, as the pixels that change lie along lines."""
         faces = np.zeros_like(self.scene.faces)  # of those that are not there no pixel is seen
         faces[drawn.origin_face] = drawn.faces
         scene = replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces)
@@ -122,9 +122,9 @@ class PictureComparison:
 
     def of_mesh(self, scene: Scene, surface: SentSurface, normals: np.ndarray, wanted: np.ndarray | None,
                 faces: SourceFaces) -> PictureError:
-        """Return the PictureError of a Scene with the source's materials and textures, but faces, UVs and normals of its own.
-        surface: the scene on its lattice; normals: at its corners by normals_of(surface); wanted: the correct ones, both float32
-        [F, 3, 3]; faces: [F], that each face was simplified from."""
+        """Return the PictureError of a simplified Scene: it has the source's materials and textures, but faces, UVs and normals
+        of its own. surface: that scene on its lattice; normals: at its corners by normals_of(surface); wanted: the correct ones,
+        both float32 [F, 3, 3]; faces: [F], source face that each face was simplified from."""
         scene = replace(scene, materials=self.scene.materials)
         source = self._source._replace(face_material=np.ascontiguousarray(scene.face_material, np.int64),
                                        corner_uv=np.ascontiguousarray(scene.corner_uv, np.float64))
@@ -142,7 +142,8 @@ class PictureComparison:
         return replace(whole, mse=whole.mse + turned, of_parts=tuple(parts))
 
     def normals_of(self, surface: Surface) -> np.ndarray:
-        """Return normals that follow from a surface's positions, float32 [F, 3, 3]: flat if the source's are, else smooth."""
+        """Return the normals that follow from a surface's positions, at the corners of its faces, float32 [F, 3, 3]: face
+        normals if the source's are, else smooth ones."""
         return corner_normals(surface.lattice, surface.faces, [FLAT if self.is_flat else SMOOTH])
 
     @cached_property

@@ -11,8 +11,9 @@ POINT_WEIGHT = 1e-5  # of the distance to the vertex itself: flat parts keep rou
 
 
 def vertex_quadrics(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray) -> np.ndarray:
-    """Return quadrics of the vertices, float64 [V, 10]: xx, xy, xz, yy, yz, zz, x, y, z, 1. positions: float64 [V, 3] in -1..1;
-    faces: int64 [F, 3]; marked: bool [F, 3], the sides that are lines."""
+    """Return the quadric of each vertex, the sum over its faces of squared distances to their planes: float64 [V, 10],
+    coefficients of xx, xy, xz, yy, yz, zz, x, y, z, 1. positions: float64 [V, 3] in -1..1; faces: int64 [F, 3]; marked: bool [F,
+    3], sides (corner i to the next) that are lines."""
     out = np.zeros((len(positions), 10))
     _fill(positions, faces, marked, out)
     return out

@@ -35,7 +35,7 @@ class SimplifiedMesh:
     joined: np.ndarray
 
     def edges(self, lines: np.ndarray) -> np.ndarray:
-        """Return the edges, int64 [L, 2], that some lines of the source have become."""
+        """Return the edges, int64 [L, 2], that edges of the source have become. lines: int64 [L, 2], vertices of the source."""
         lines = np.searchsorted(self.vertex, self.joined[lines])
         return np.unique(np.sort(lines[lines[:, 0] != lines[:, 1]], axis=1), axis=0)
 
@@ -82,11 +82,11 @@ class Simplification:
 
 
 def simplify(source: Mesh, lines: np.ndarray | None = None, fixed: np.ndarray | None = None) -> Simplification:
-    """Collapse edges of a mesh until no allowed edge is left.
+    """Collapse edges of a mesh, those of least quadric error first, until no allowed edge is left; return the sequence.
 
-    lines: int64 [L, 2], edges that are kept as lines beside the borders (see topology.py); fixed: bool [V], vertices that
-    stay in place. Only vertex numbers connect faces: equal positions have to be welded before. Ends and crossings of lines, edges
-    of more than two faces and vertices at which fans of faces meet stay. Faces with two equal corners are left out.
+    lines: int64 [L, 2], edges that are kept as lines beside the borders (see topology.py); fixed: bool [V], vertices that stay
+    in place. Only vertex numbers connect faces: equal positions have to be welded before. Ends and crossings of lines, edges of
+    more than two faces and vertices at which fans of faces meet stay. Faces with two equal corners are left out.
 
     Raises ValueError for positions that are not finite and indices out of range.
     """

@@ -16,9 +16,9 @@ PART_FACES, PART_SHARE = 48, 0.005  # that a small part has at least, faces and 
 
 
 def small_parts(surface: Surface) -> list[np.ndarray]:
-    """Return parts of a surface that are small beside the whole, each bool [F] over its faces: pieces with a side of at most
-    SMALL of the whole's, together with others at the same place; those of the most faces first, at most MOST_PARTS. Loose bits of
-    a scan do not count."""
+    """Return masks of the parts of a surface that are small beside the whole, each bool [F] over its faces. A part is the
+    components with a side of at most SMALL of the whole's at about the same place; those of the most faces come first, at most
+    MOST_PARTS. Loose bits of a scan do not count."""
     if not len(surface.faces):
         return []
     piece = face_components(surface.faces)

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 
 def mesh(supported: Supported, request: MeshRequest, caches: Caches, report: Report) -> Meshed:
-    """Return the Meshed of least cost among the candidate supports. Raises InputError."""
+    """Run the third stage: simplify and partition the mesh for each candidate, and return the Meshed that costs least. Raises
+    InputError."""
     meshed = [_meshed(supported, candidate, request, caches, report) for candidate in supported.candidates]
     best = max(meshed, key=lambda candidate: candidate.gain)
     record(best.partition, report, request.strict)

@@ -15,8 +15,8 @@ FREE, ON_LINE, FIXED = 0, 1, 2  # what a vertex may do: move, move along its lin
 
 
 def undirected(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return edges of faces without equal corners: (ends int64 [E, 2], the lower first; edge of every side int64 [F, 3], from
-    corner i to the next; number of faces at each edge int64 [E])."""
+    """Return the undirected edges of faces without equal corners: (ends int64 [E, 2], the lower first; edge of every side int64
+    [F, 3], from corner i to the next; number of faces at each edge int64 [E])."""
     after, size = np.roll(faces, -1, axis=1), int(faces.max(initial=0)) + 1
     sides = np.minimum(faces, after) * size + np.maximum(faces, after)
     code, edge, count = distinct(sides)
@@ -24,7 +24,8 @@ def undirected(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def side_pairs(edge: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sides 3 f + i at each edge of two faces: (int64 [P, 2], edges int64 [P]). edge, count: of undirected()."""
+    """Return the two sides at each edge that two faces share: (int64 [P, 2], numbers 3 f + i of the sides; int64 [P], the
+    edges). edge, count: of undirected()."""
     sides = np.argsort(edge, axis=None, kind="stable")
     two = np.flatnonzero(count == 2)
     first = np.cumsum(count)[two] - 2
@@ -32,8 +33,8 @@ def side_pairs(edge: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def turned_faces(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return faces that point the opposite way to all three around them, if none of these does so itself, bool [F]: a fault of
-    scans. positions: float64 [V, 3]."""
+    """Return a mask, bool [F], of faces that point the opposite way to all three faces around them, none of which does so
+    itself: a fault of scans. positions: float64 [V, 3]."""
     _, edge, count = undirected(faces)
     beside = side_pairs(edge, count)[0] // 3
     normals = scaled_normals(positions, faces)
@@ -43,7 +44,8 @@ def turned_faces(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def scaled_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return normals of faces, float64 [F, 3], of lengths that neither overflow nor vanish; 0 if there is no area."""
+    """Return normals of faces, float64 [F, 3], whose lengths are not 1 but neither overflow nor vanish; 0 if there is no
+    area."""
     u, v = (positions[faces[:, k]] - positions[faces[:, 0]] for k in (1, 2))
     scale = np.abs(np.concatenate([u, v], axis=1)).max(axis=1, initial=0)[:, None]
     return np.cross(*(side / np.where(scale > 0, scale, 1.0) for side in (u, v)))
@@ -51,8 +53,9 @@ def scaled_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def seam_edges(faces: np.ndarray, group: np.ndarray | None = None, corner: np.ndarray | None = None,
                apart: float = 0.0) -> np.ndarray:
-    """Return edges between two faces of different groups, or at which values of their corners differ by more than `apart`, int64
-    [L, 2]. faces: int64 [F, 3] over welded vertices; group: [F], of a material or a field; corner: [F, 3, C], UVs or normals."""
+    """Return the edges, int64 [L, 2], between two faces of different groups, or whose corners' values differ along the edge by
+    more than `apart`. faces: int64 [F, 3] over welded vertices; group: [F], number of a material or a field; corner: [F, 3, C],
+    UVs or normals."""
     ends, edge, count = undirected(faces)
     sides, edges = side_pairs(edge, count)
     seam = np.zeros(len(sides), bool)
@@ -70,7 +73,7 @@ def seam_edges(faces: np.ndarray, group: np.ndarray | None = None, corner: np.nd
 
 def sharp_edges(mesh: Mesh, degrees: float) -> np.ndarray:
     """Return edges between two faces whose normals are more than `degrees` apart, int64 [L, 2]. Faces without area and
-    turned_faces() have no such edges: as lines they would never go."""
+    turned_faces() have no such edges: as lines they would never be collapsed."""
     ends, edge, count = undirected(mesh.faces)
     sides, edges = side_pairs(edge, count)
     normals, turned = scaled_normals(mesh.positions, mesh.faces), turned_faces(mesh.positions, mesh.faces)
@@ -81,13 +84,14 @@ def sharp_edges(mesh: Mesh, degrees: float) -> np.ndarray:
 
 
 def line_edges(faces: np.ndarray, lines: np.ndarray | None) -> np.ndarray:
-    """Return edges that are borders, have more than two faces, or are named, bool [E] over undirected(). lines: int64 [L, 2]."""
+    """Return a mask, bool [E] over the edges of undirected(), of those that are borders, have more than two faces, or are among
+    lines, int64 [L, 2]."""
     line = undirected(faces)[2] != 2
     return line if lines is None else line | named_edges(faces, lines)
 
 
 def named_edges(faces: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Return edges that are named in lines, int64 [L, 2], by their ends, bool [E] over undirected()."""
+    """Return a mask, bool [E] over the edges of undirected(), of those that are among lines, int64 [L, 2] of end vertices."""
     ends, named = undirected(faces)[0], np.sort(np.asarray(lines, np.int64).reshape(-1, 2), axis=1)
     size = max(int(faces.max(initial=0)), int(named.max(initial=0))) + 1
     edges, wanted = ends[:, 0] * size + ends[:, 1], named[:, 0] * size + named[:, 1]
@@ -97,7 +101,8 @@ def named_edges(faces: np.ndarray, lines: np.ndarray) -> np.ndarray:
 
 
 def line_sides(faces: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a face at each line that is an edge: (face int64 [L], its two corners on the line int64 [L, 2])."""
+    """Return a face at each of the lines that is an edge: (face int64 [L], its two corners, 0..2, at the line's ends int64 [L,
+    2])."""
     edge = undirected(faces)[1].ravel()
     sides = np.flatnonzero(named_edges(faces, lines)[edge])
     first = sides[np.unique(edge[sides], return_index=True)[1]]
@@ -105,8 +110,9 @@ def line_sides(faces: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def vertex_kinds(faces: np.ndarray, line: np.ndarray, vertices: int) -> np.ndarray:
-    """Return the kinds of vertices, int64 [V]: FREE, ON_LINE for vertices of two line edges, FIXED for ends and crossings of
-    lines and for vertices at which the mesh is no manifold. line: of line_edges()."""
+    """Return what each vertex may do in a collapse, int64 [V]: FREE, ON_LINE for vertices of two line edges, FIXED for ends and
+    crossings of lines and for vertices at which the mesh is no manifold. line: bool [E], of line_edges(); vertices: their
+    number."""
     ends, edge, count = undirected(faces)
     degree = np.bincount(ends[line].ravel(), minlength=vertices)
     kind = np.where(degree == 0, FREE, np.where(degree == 2, ON_LINE, FIXED))
@@ -116,8 +122,8 @@ def vertex_kinds(faces: np.ndarray, line: np.ndarray, vertices: int) -> np.ndarr
 
 
 def wedges(faces: np.ndarray, seams: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (the wedge of every corner, int64 [F, 3]: corners at one vertex that are connected by edges which are no seams; the
-    chart of every face, int64 [F]). seams: int64 [L, 2]."""
+    """Return (wedge of every corner, int64 [F, 3]; chart of every face, int64 [F]), cut at seams. A wedge is the corners at a
+    vertex that are connected by edges which are no seams. seams: int64 [L, 2], end vertices."""
     _, edge, count = undirected(faces)
     pairs, edges = side_pairs(edge, count)
     pairs = pairs[~named_edges(faces, seams)[edges]]

@@ -64,10 +64,11 @@ class _SampledSource(NamedTuple):
 
 def fit_vertices(source: Mesh, mesh: Mesh, lines: MatchedLines | None = None, samples: int = SAMPLES, rounds: int = ROUNDS,
                  threads: int = 1) -> VertexFit:
-    """Fit a mesh's vertices to the source surface.
+    """Return a mesh whose vertices are moved to fit a source surface by least squares, as a VertexFit.
 
-    samples: points on each surface, at least LEAST_SAMPLES for each face of the mesh; rounds: at least 1. The fit turns no face
-    against its normal. Raises ValueError if one of the two meshes has no area.
+    lines: edges of both meshes that are fitted to each other; samples: points on each surface, at least LEAST_SAMPLES for each
+    face of the mesh; rounds: at least 1. The fit turns no face against its normal. Raises ValueError if one of the two meshes
+    has no area.
     """
     source, mesh = source.checked(), mesh.checked()
     middle, half = source.frame()
@@ -90,7 +91,7 @@ def fit_vertices(source: Mesh, mesh: Mesh, lines: MatchedLines | None = None, sa
 
 
 def own_fit(mesh: Mesh) -> VertexFit:
-    """Return the fit of a mesh to itself: its own positions, and the matrix in closed form."""
+    """Return the VertexFit of a mesh to itself: its positions stay, and the matrix is computed in closed form."""
     mesh = mesh.checked()
     middle, half = mesh.frame()
     equations = NormalEquations(mesh.faces, len(mesh.positions))

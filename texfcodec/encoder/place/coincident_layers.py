@@ -29,8 +29,8 @@ def _numbered(columns):
 
 
 def corner_appearance(scene: Scene, picked: np.ndarray) -> np.ndarray:
-    """Return the number of the material, UV and colour of every corner, int64 [n, 3]; equal ones have equal numbers. picked:
-    int64 [n] into the scene's faces. UVs count if there is a texture."""
+    """Return a number for the appearance (material, UV, colour) of each corner, int64 [n, 3]; corners that look the same have
+    the same number. picked: int64 [n], faces of the scene. UVs count if there is a texture."""
     material = scene.face_material[picked]
     textured = np.array([m.texture >= 0 for m in scene.materials], bool)[material]
     columns = [np.repeat(material, 3), *np.where(textured[:, None, None], scene.corner_uv[picked], 0).reshape(-1, 2).T]
@@ -40,8 +40,8 @@ def corner_appearance(scene: Scene, picked: np.ndarray) -> np.ndarray:
 
 
 def layered_components(faces: np.ndarray, component: np.ndarray, material: np.ndarray, materials: list[Material]) -> np.ndarray:
-    """Return components that may hold layers, bool by component: those with coincident faces, and those in which materials meet
-    of which at least one is not opaque. faces: int64 [F, 3] over welded vertices; component, material: int64 [F]."""
+    """Return a mask over components, bool, of those that may hold layers: with coincident faces, or with different materials of
+    which at least one is not opaque. faces: int64 [F, 3] over welded vertices; component, material: int64 [F]."""
     count = int(component.max()) + 1
     corners = _numbered(list(np.sort(faces, axis=1).T))
     out = np.bincount(component, (np.bincount(corners) > 1)[corners], count) > MIN_FOLD * np.bincount(component, minlength=count)
@@ -73,8 +73,9 @@ def _joined(faces, appearance, material):
 
 
 def part_layers(scene: Scene, surface: Surface, component: np.ndarray) -> np.ndarray | None:
-    """Return the component of every face once layers are parted, int64 [F]; None if there are no layers to part. component: int64
-    [F], from face_components of the Surface."""
+    """Return the component of every face, int64 [F], after components have been split into their layers: coincident sheets that
+    welding joined although they look different. None if there are no layers. component: int64 [F], from face_components of the
+    Surface."""
     layered = layered_components(surface.faces, component, surface.material, scene.materials)
     rows = np.flatnonzero(layered[component])
     if not len(rows):

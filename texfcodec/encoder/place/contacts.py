@@ -24,8 +24,9 @@ NEAR, FAR = 3, 2 * MAX_FIELDS  # a piece meets so many of those after it in a ce
 
 @dataclass
 class Contacts:
-    """Labels that meet in the cells. component: int64 [F]; direction: int64 [F], 0..5 for +x -x +y -y +z -z; cell, label:
-    parallel int64 arrays, ascending by cell, one entry per cell and label = component * 6 + direction."""
+    """The labels of surface parts in each grid cell of 2x2x2 voxels. component: int64 [F]; direction: int64 [F], 0..5 for +x -x
+    +y -y +z -z; cell, label: parallel int64 arrays, ascending by cell, one entry per cell and label = component * 6 +
+    direction."""
 
     component: np.ndarray
     direction: np.ndarray
@@ -34,7 +35,8 @@ class Contacts:
 
 
 def face_directions(lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the dominant direction of every face's normal, int64 [F] in 0..5 (+x -x +y -y +z -z)."""
+    """Return the dominant direction of each face's normal, int64 [F] in 0..5 (+x -x +y -y +z -z). lattice: positions, int64 [V,
+    3]."""
     p = lattice[faces].astype(np.float64)
     normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     axis = np.argmax(np.abs(normal), axis=1)
@@ -107,8 +109,9 @@ def _cells(corners, faces, face_label, resolution, walk):
 
 def find_contacts(lattice: np.ndarray, faces: np.ndarray, position_bits: int, resolution: int,
                   component: np.ndarray | None = None) -> Contacts:
-    """Return the Contacts of a surface on a grid of resolution K. lattice: int64 [V, 3]; faces: int64 [F, 3] over welded
-    vertices; component: int64 [F], of face_components if it is None."""
+    """Return the Contacts of a surface: the components and face directions that have samples in each cell of 2x2x2 voxels.
+    lattice: int64 [V, 3] in 0..2**position_bits - 1; faces: int64 [F, 3] over welded vertices; resolution: voxels along a side
+    of the cube; component: int64 [F], of face_components if it is None."""
     component = face_components(faces) if component is None else component
     direction = face_directions(lattice, faces)
     corners = np.ascontiguousarray(grid_coordinates(lattice, position_bits, resolution))
@@ -135,15 +138,15 @@ def _count_folds(cell, label, components):
 
 
 def folding_components(contacts: Contacts) -> np.ndarray:
-    """Return components in which faces of opposite direction share more than MIN_FOLD of the cells, as an ascending int64
-    array."""
+    """Return the numbers of components that fold onto themselves, ascending int64: faces of opposite direction share more than
+    MIN_FOLD of their cells."""
     cells, folded = _count_folds(contacts.cell, contacts.label, int(contacts.component.max()) + 1)
     return np.flatnonzero(folded > MIN_FOLD * np.maximum(cells, 1))
 
 
 def pieces_of(contacts: Contacts, split: np.ndarray | Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """Return the piece of every face and of every contact label: (int64 [F], int64 [labels]); the components in `split` are cut
-    by the sign of the direction. Pieces are numbered 2 * component + sign."""
+    """Return the piece of every face and of every contact label: (int64 [F], int64 [labels]). A piece is a component, or for
+    components in `split` the faces of one sign of the dominant direction. Pieces are numbered 2 * component + sign."""
     cut = np.zeros(int(contacts.component.max()) + 1, np.int64)
     cut[list(split)] = 1
     face_piece = 2 * contacts.component + (contacts.direction & 1) * cut[contacts.component]
@@ -226,8 +229,9 @@ def _greedy(order, starts, others, cells, most):
 
 
 def colour_pieces(contacts: Contacts, split: np.ndarray | Sequence[int] = (), most: int = MAX_FIELDS) -> np.ndarray:
-    """Return the field of every face, int64 [F] numbered from 0 without gaps, at most `most`: greedy colouring of the pieces,
-    larger ones first."""
+    """Return the field of every face, int64 [F] numbered from 0 without gaps: greedy colouring, larger pieces first, gives
+    pieces that meet in cells different fields as far as `most` fields allow. split: components in two pieces, as of
+    pieces_of()."""
     face_piece, label_piece = pieces_of(contacts, split)
     (a, b, count), sizes = _meetings(contacts.cell, label_piece)
     meets = count > np.maximum(MIN_CONTACT * np.minimum(sizes[a], sizes[b]), 1)

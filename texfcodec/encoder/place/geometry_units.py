@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 
 def geometry_bytes(geometry: list[dict]) -> int:
-    """Return the Draco bytes of geometry units. geometry: their syntax values."""
+    """Return the total size, in bytes, of the Draco data of geometry units. geometry: their syntax values."""
     return sum(len(unit["draco_data"]) for unit in geometry)
 
 
 def code_geometry(surface: SentSurface, face_field: np.ndarray, plans: dict[int, SentPlan],
                   step: Step = no_step) -> tuple[list[dict], list[GeometryUnit]]:
-    """Code one Draco unit per field and material. Return (syntax values, decoded GeometryUnits). plans: TexelPlan by field
-    number."""
+    """Code the faces of each field and material as a Draco unit. Return (syntax values, decoded GeometryUnits). face_field:
+    int64 [F], field of each face; plans: the TexelPlan of each field over texels, by field number."""
     values, units = [], []
     corner_uv = {number: plan.corner_uv() for number, plan in plans.items()}
     groups = face_field * (int(surface.material.max(initial=0)) + 1) + surface.material

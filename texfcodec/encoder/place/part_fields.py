@@ -26,8 +26,10 @@ class PartFields:
 
 
 def choose_part_fields(face_field: np.ndarray, colours: np.ndarray, trials: Trials) -> Decision[PartFields]:
-    """Give a small part over voxels a field of its own if the common K breaks the rate's promise there. Its K is the common one
-    doubled until the promise is kept, or up to the limits. face_field: int64 [F]; colours: of material_colours()."""
+    """Return the Decision on the PartFields of a surface: a small part over voxels gets a field of its own if K leaves it
+    further from the source than the rate promises. Its own K is doubled until the promise is kept, or up to the limits.
+    face_field: int64 [F], field of each face before, -1 over texels; colours: of material_colours(); trials: Trials on the
+    surface."""
     own: dict[int, tuple[int, int]] = {}
     price, surface = trials.price, trials.surface
     is_open = price.coder is not None and price.is_free and price.has_promise and price.max_error is None

@@ -39,10 +39,11 @@ TRIAL_SAMPLES = 1 << 17
 
 def uncoded_errors(scene: Scene, surface: Surface, face_field: np.ndarray, resolution: int, area_threshold: int,
                    threads: int) -> dict[str, float]:
-    """Return mean squared errors {"y", "alpha"} of the uncoded fields against the source at TRIAL_SAMPLES surface points; "alpha"
+    """Return mean squared errors {"y", "alpha"} of uncoded fields against the source at TRIAL_SAMPLES surface points; "alpha"
     only if alpha is coded.
 
-    surface: encoder's Surface; face_field: int64 [F], numbered from 0 without gaps.
+    surface: encoder's Surface; face_field: int64 [F], field of each face, numbered from 0 without gaps; resolution: K of the
+    fields; area_threshold: as of EncodeOptions.
     """
     bits = surface.cube.position_bits
     face, bary = sample_surface(surface.lattice.astype(np.float64), surface.faces, TRIAL_SAMPLES)
@@ -71,7 +72,7 @@ def uncoded_errors(scene: Scene, surface: Surface, face_field: np.ndarray, resol
 
 
 def codes_alpha(materials: list[Material], surface: Surface) -> bool:
-    """Return whether a material in use is not opaque, so that the stream has a plane of alpha."""
+    """Return whether some material that the surface uses is not opaque, so that the stream has a plane of alpha."""
     return needs_alpha([materials[m] for m in np.unique(surface.material)])
 
 
@@ -98,9 +99,9 @@ class _Trials:
         return worth, decibel, json_ready(evidence)
 
     def pays(self, base, candidate):
-        """Return whether a candidate saves more error than its fields cost. Half the resolution comes first, in a quarter of the
-        time: surfaces are nearer to each other there, so a loss there is a loss at all K, and a gain of SURE_TIMES needs no
-        second measurement."""
+        """Return (whether a candidate partition saves more error than its further fields cost, row for the report). base,
+        candidate: int64 [F], field of each face. Half the resolution comes first, in a quarter of the time: surfaces are nearer
+        to each other there, so a loss there is a loss at all K, and a gain of SURE_TIMES needs no second measurement."""
         fee = FIELD_BYTES * int(candidate.max() - base.max())
         worth, _, evidence = self._gains(base, candidate, self.quick)
         if fee < worth < SURE_TIMES * fee:
@@ -108,7 +109,7 @@ class _Trials:
         return worth > fee, evidence
 
     def mixes_alpha(self, best, others):
-        """Return whether another partition shows alpha better than the best one, by SHOWN_GAIN."""
+        """Return whether any of the other partitions, int64 [F] each, shows alpha better than the best by SHOWN_GAIN."""
         return any(all(self._gains(best, other, r)[1]["alpha"] >= SHOWN_GAIN for r in (self.quick, self.price.resolution))
                    for other in others)
 
@@ -134,9 +135,10 @@ def _unbounded(candidate, split, contacts):
 
 def choose_fields(scene: Scene, surface: Surface, colours: np.ndarray, price: Lagrangian, partition: str,
                   step: Step = no_step) -> Decision[np.ndarray]:
-    """Return the Decision on the field number of every face, int64 [F]. Tries components, then also cuts at folds, then layers;
-    takes each that pays. Warns if surfaces of different alpha stay in one field. colours: of material_colours; partition: as of
-    EncodeOptions; step: of Report.stage()."""
+    """Return the Decision on the partition of a surface over voxels into fields: the field number of every face, int64 [F].
+    Candidates are fields by component, then also cut where components fold onto themselves, then by coincident layers; each is
+    taken if it costs less. Warns if surfaces of different alpha stay in one field. colours: of material_colours(); partition: as
+    of EncodeOptions; step: of Report.stage()."""
     best, off, alpha = np.zeros(len(surface.faces), np.int64), partition == "off", codes_alpha(scene.materials, surface)
     reason = _reason_for_one(surface, colours, off, alpha)
     if reason:

@@ -23,8 +23,8 @@ FINEST = 16.0  # texels along an edge of a voxel; beyond, an image is shrunk by 
 
 
 def prefilter_textures(scene: Scene, surface: Surface, over_voxels: np.ndarray, resolution: int) -> Scene:
-    """Return the scene with images of at most FINEST texels along a voxel's edge. over_voxels: bool [F], faces of the surface
-    that go into voxels; images that any other face shows stay unchanged."""
+    """Return the scene with images shrunk to at most FINEST texels along a voxel's edge. over_voxels: bool [F], faces of the
+    surface that go into voxels; images that any other face shows stay unchanged; resolution: K of the voxels."""
     kept = {t for m in np.unique(surface.material[~over_voxels]) for t in textures_of(scene.materials[m]).values()}
     times: dict[int, float] = {}
     for number in np.unique(surface.material[over_voxels]):

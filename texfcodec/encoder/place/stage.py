@@ -38,8 +38,9 @@ class OverBudget(Exception):
 
 
 def place(shaded: Shaded, budget: int | None, report: Report) -> Placed:
-    """Return the Placed of a shaded mesh. budget: bytes of the stream, None without one. Raises InputError, LimitError;
-    OverBudget if geometry takes the whole budget."""
+    """Run the fifth stage: return the Placed of a shaded mesh, its coded geometry and the voxels and texels of its fields.
+    budget: bytes of the stream, None without one. Raises InputError, LimitError; OverBudget if geometry takes the whole
+    budget."""
     meshed, sent = shaded.meshed, shaded.meshed.mesh.value
     first = int(meshed.partition.value.face_field.max(initial=-1)) + 1  # the number of the first field over texels
     sent_field, drawn_field = _field_numbers(meshed, shaded.plans, first)

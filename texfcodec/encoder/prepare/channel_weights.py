@@ -41,15 +41,16 @@ def table_weights() -> Weights:
 
 
 def shown_of_radians(weights: Weights) -> float:
-    """Return the squared error of a shaded picture, in levels, for a squared radian of shading normals."""
+    """Return the squared error of a shaded picture, in squared levels, for each squared radian that shading normals are off.
+    weights: of measured_weights() or the table."""
     return weights.get(SHADING, USUAL_GAIN * BY_NAME["normal"].weight * FLAT**2 / 2)
 
 
 def measured_weights(scene: Scene, is_free: bool, threads: int) -> Weights:
-    """Return weights by channel name: how much more a squared error of its values shows in light than one of base colour usually
-    does. They are measured for base colour, if the encoder may choose the quality (is_free), and for the channels that materials
-    have maps of; the other weights are those of the table. SHADING is as shown_of_radians() returns it. scene: with the materials
-    that are coded."""
+    """Return weights by channel name, measured on small lit pictures of a scene: how much more a squared error of a channel's
+    values shows than that of base colour usually does. They are measured for base colour, if the encoder may choose the quality
+    (is_free), and for the channels that materials have maps of; the other weights are those of the table. The entry SHADING is
+    as shown_of_radians() returns it. scene: with the materials that are coded."""
     weights, names = table_weights(), sorted(map_names(scene.materials))
     is_lit = scene.corner_normal is not None and not all(material.unlit for material in scene.materials)
     gains = _gains(scene, names, is_lit, threads) if names or is_lit else {}

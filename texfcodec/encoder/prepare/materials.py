@@ -53,8 +53,9 @@ class _Row(NamedTuple):
 
 
 def needed_scene(scene: Scene, surface: Surface, effects: str) -> Decision[Needs]:
-    """Return the Decision on the Needs of a scene; its evidence is a dict for each channel that any material in use has. effects:
-    as of EncodeOptions. Raises InputError for an unknown effect."""
+    """Return the Decision on the Needs of a scene: the maps that have to be coded, without those that are constant or that
+    nothing reads. Its evidence is a dict for each channel that any material in use has. surface: the scene on its lattice;
+    effects: as of EncodeOptions. Raises InputError for an unknown effect."""
     wanted, used = _wanted(effects), set(np.unique(surface.material).tolist())
     usage, rows = _TexelUsage(scene, surface), []
     coded, stream = [], []
@@ -147,7 +148,8 @@ class _TexelUsage:
         self._shown = Cache()
 
     def constant(self, number: int, name: str) -> np.ndarray | None:
-        """Return the constant value of a map on the surface of material `number`, float64 [C] in 0..255, or None if it varies."""
+        """Return the constant value of a map wherever the surface shows it, float64 [C] in 0..255, or None if it varies. number:
+        of the material; name: channel of the map."""
         texture = self.scene.textures[self.scene.materials[number].maps[name]]
         columns = list(BY_NAME[name].columns)
         few = texture.image[:: max(1, texture.image.shape[0] // 64), :: max(1, texture.image.shape[1] // 64), columns]
@@ -166,7 +168,7 @@ class _TexelUsage:
         return value
 
     def alpha_is_full(self, number: int) -> bool:
-        """Return whether alpha is 255 in all visible places of a material."""
+        """Return whether alpha is 255 wherever the surface shows a material. number: of the material."""
         material, faces = self.scene.materials[number], self._faces(number)
         colour = self.scene.corner_color
         if material.factor[3] < 1 or (colour is not None and (colour[faces, :, 3] < 1).any()):
@@ -189,8 +191,9 @@ class _TexelUsage:
 
 
 def shown_texels(uv: np.ndarray, texture: Texture, fraction_bits: int = 0) -> np.ndarray | None:
-    """Return (column, row) of the texels that faces show of a Texture, int64 [N, 2]; None if that takes too long. uv: float64 [F,
-    3, 2] of their corners, which are rounded to 2**-fraction_bits texels."""
+    """Return the distinct texels of a Texture that faces show, (column, row) int64 [N, 2], wrapped into the image; None if UVs
+    or image are too large, or the faces go over more than MOST_ROWS rows of texels. uv: float64 [F, 3, 2], UVs of their corners,
+    which are rounded to 2**-fraction_bits texels."""
     height, width = texture.image.shape[:2]
     steps = uv * np.array([width, height], np.float64) * (1 << fraction_bits)
     if max(width, height) > MAX_SIDE or not (np.abs(steps) < min(MAX_UV, 1 << MAX_UV_BITS + 5)).all():

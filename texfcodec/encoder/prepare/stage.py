@@ -40,7 +40,7 @@ class PrepareRequest:
 
 
 def prepare(scene: Scene, request: PrepareRequest, report: Report) -> Prepared:
-    """Return the Prepared of a scene. Raises InputError, LimitError."""
+    """Run the first stage: return the Prepared of a scene, reduced to what has to be coded. Raises InputError, LimitError."""
     with report.stage("lattice"):
         surface = reference_surface(scene, request)
     with report.stage("effects", (0, 2)):
@@ -55,8 +55,9 @@ def prepare(scene: Scene, request: PrepareRequest, report: Report) -> Prepared:
 
 
 def reference_surface(scene: Scene, request: PrepareRequest) -> SourceSurface:
-    """Return the scene on its lattice at the requested position bits, or at more if the encoder may choose them and a statue
-    beside a large ground would collapse. Raises InputError and LimitError as make_surface()."""
+    """Return the Surface of a scene on the lattice of the requested position bits. If the encoder may choose the bits, it takes
+    more as long as some part of the scene, a statue beside a large ground, would lose most of its faces. Raises InputError and
+    LimitError as make_surface()."""
     surface = make_surface(scene, request)
     while request.position_bits_are_free and surface.cube.position_bits < MAX_BITS and _loses_a_part(scene, surface):
         bits = min(surface.cube.position_bits + BITS_A_STEP, MAX_BITS)

@@ -25,8 +25,8 @@ FEW = 64  # faces, or rows and columns of an image, that are looked at before al
 
 
 def material_colours(scene: Scene, surface: Surface) -> np.ndarray:
-    """Return the colour that each material shows on a surface, float32 [materials, 4] as of scene.fetch: RGBA in 0..255, colour
-    sRGB-coded. It is NaN if colour or alpha varies, if that takes long to see, and for materials without faces."""
+    """Return the single colour that each material shows on a surface, float32 [materials, 4]: RGBA in 0..255, colour sRGB-coded.
+    It is NaN if colour or alpha varies, if that takes long to see, and for materials without faces."""
     out = np.full((len(scene.materials), 4), np.nan, np.float32)
     used, first = np.unique(surface.material, return_index=True)
     flat = [i for i, number in enumerate(used) if _is_flat(scene, surface, int(number))]
@@ -40,14 +40,15 @@ def material_colours(scene: Scene, surface: Surface) -> np.ndarray:
 
 
 def uniform_colour(colours: np.ndarray, materials: np.ndarray) -> np.ndarray | None:
-    """Return the colour that faces of these materials show, float32 [4]; None if there are several, or none is known. colours: of
-    material_colours; materials: int64 [F]."""
+    """Return the single colour that faces of these materials show, RGBA float32 [4]; None if there are several, or it is not
+    known. colours: of material_colours; materials: int64 [F], material of each face."""
     shown = colours[np.unique(materials)]
     return shown[0] if len(shown) and (shown == shown[0]).all() else None
 
 
 def is_uniform(materials: list[Material], colours: np.ndarray, numbers: np.ndarray) -> bool:
-    """Return whether faces of some materials, int64 [F], show a single colour and no maps. colours: of material_colours()."""
+    """Return whether faces show a single colour and no maps. colours: of material_colours(); numbers: int64 [F], their
+    materials."""
     return uniform_colour(colours, numbers) is not None and not any(materials[m].maps for m in np.unique(numbers))
 
 

@@ -66,8 +66,8 @@ class _Mapped:
     decoder: np.ndarray
 
     def between(self, faces: np.ndarray | slice = slice(None), bary: np.ndarray = CORNERS) -> np.ndarray:
-        """Return the matrices from the source's frame into the decoder's at points of some faces, float64 [N, P, 3, 3]; the unit
-        matrix if one of both is flat. bary: float64 [P, 3], the same for all faces."""
+        """Return the matrices that turn the source's tangent frame into the decoder's at points of some faces, float64 [N, P, 3,
+        3]; the unit matrix if either frame is flat. bary: float64 [P, 3], the same for all faces."""
         source, decoder = (_frames_at(axes[faces], bary) for axes in (self.source, self.decoder))
         out = np.broadcast_to(np.eye(3), source.shape).copy()
         good = (np.abs(np.linalg.det(decoder)) > OFF) & (np.abs(np.linalg.det(source)) > OFF)
@@ -81,7 +81,7 @@ class _Mapped:
         return np.concatenate([np.sqrt(((block - np.eye(3)) ** 2).sum(axis=(2, 3))).max(axis=1) for block in blocks])
 
     def in_two(self, apart: np.ndarray) -> list[SentPlan]:
-        """Return two plans: of some faces, bool [N], and of the others, with the faces without a normal map."""
+        """Return the plan as two plans: of the faces in apart, bool [N] over those with a normal map, and of all other faces."""
         group = self.plan.group
         chosen = np.isin(group.faces, self.faces[apart])
         return [replace(self.plan, group=replace(group, faces=SentFaces(group.faces[part]), uv=group.uv[part]))
@@ -90,10 +90,12 @@ class _Mapped:
 
 def fit_frames(scene: Scene, surface: SentSurface, shading: Shading, plans: list[SentPlan], price: Lagrangian,
                cache: Cache) -> Decision[list[SentPlan]]:
-    """Return the Decision on plans over texels whose normal maps suit the frames of a decoder, some of them in two if that pays.
-    Its evidence has the remaining error of the normals that light sees, the maps themselves being exact.
+    """Return the Decision on plans whose normal maps are rotated from the frames of the file's TANGENTs into those of a decoder.
+    A plan becomes two if that pays. The evidence has the remaining error of the normals that light sees, the maps themselves
+    being exact.
 
-    Only files with TANGENTs need it, because all others have the decoder's frames. cache: of fitted plans.
+    Only files with TANGENTs need it, because all others have the decoder's frames. shading: gives the decoder's normals; plans:
+    TexelPlans; cache: of fitted plans.
     """
     if scene.corner_tangent is None or not any(NORMAL in plan.group.maps for plan in plans):
         return Decision(plans, {})
@@ -287,7 +289,7 @@ def _divided(mapped, faces):
 
 def mean_matrices(off: tuple[np.ndarray, np.ndarray, np.ndarray], others: tuple[np.ndarray, np.ndarray], scale: np.ndarray,
                   size: tuple[int, int], wrap: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the matrices for the texels that some faces show.
+    """Return, for each texel of a normal map that some faces show, the mean of the matrices that these faces need.
 
     Parameters
     ----------
@@ -315,7 +317,7 @@ def mean_matrices(off: tuple[np.ndarray, np.ndarray, np.ndarray], others: tuple[
 
 
 def rotate_normal_map(texels: np.ndarray, matrices: np.ndarray, scale: float) -> np.ndarray:
-    """Return tangent-space normals in other frames.
+    """Return the tangent-space normals of texels after a change of their frames.
 
     Parameters
     ----------

@@ -96,16 +96,17 @@ class Shading:
         return tuple(self.rules), self.data, coded
 
     def corner_normals(self, surface: SentSurface) -> np.ndarray:
-        """Return a decoder's normals at the corners of a surface, float32 [F, 3, 3]."""
+        """Return the normals that a decoder derives at the corners of a surface, float32 [F, 3, 3]."""
         coded = None if self.coded is None else (self.coded.groups, self.coded.normals)
         return corner_normals(surface.lattice, surface.faces, self.rules, surface.material, self.marks, coded)
 
 
 def choose_normals(scene: Scene, surface: SentSurface, qp: float = AT_QP, budget: int | None = None, attributes: float = 0.0,
                    step: Step = no_step) -> Decision[Shading]:
-    """Return the Decision on the Shading of a scene on its lattice. Materials without light get the default rule. Warns if large
-    errors remain. qp: of colours; budget: bytes of the whole stream, None without one; attributes: bytes that colours and maps
-    are likely to take, 0 if unknown; step: of Report.stage()."""
+    """Return the Decision on the Shading of a scene: the rule for each material's normals, with marked sharp edges or coded
+    normals if no rule comes near the source. Materials without light get the default rule. Warns if large errors remain.
+    surface: the scene on its lattice; qp: of colours; budget: bytes of the whole stream, None without one; attributes: bytes
+    that colours and maps are likely to take, 0 if unknown; step: of Report.stage()."""
     usual = FLAT if scene.flat else USUAL
     rules = [USUAL if m.unlit else usual for m in scene.materials]
     used = np.zeros(len(scene.materials), bool)
@@ -135,7 +136,7 @@ def choose_normals(scene: Scene, surface: SentSurface, qp: float = AT_QP, budget
 
 
 def tolerance_of(qp: float) -> float:
-    """Return the factor of ENOUGH that errors have to reach at a QP of colours."""
+    """Return the factor by which the errors of normals, in degrees, may exceed ENOUGH at a QP of colours; 1 at AT_QP."""
     return 2.0 ** ((qp - AT_QP) / DOUBLING)
 
 
@@ -152,31 +153,32 @@ class _Target:
         self.materials = len(scene.materials)
 
     def step(self, count, tolerance):
-        """Return the step of `count` coded normals."""
+        """Return the quantiser step of `count` coded normals. tolerance: of tolerance_of()."""
         finest, usual = LEAST_STEP * tolerance, STEP * tolerance
         byte_price = self.attributes * self.shown  # 0 where nothing is known, or nothing shows
         wanted = UNITS * np.sqrt(PRICE * count / byte_price) if byte_price > 0 else usual
         return round(min(max(wanted, finest, 1), usual, MOST_STEP))
 
     def lost(self, error, chosen=...):
-        """Return the dB of the picture in light that errors, in degrees at chosen corners, cost."""
+        """Return the dB that errors of normals, degrees by corner, take from the lit picture at chosen corners."""
         if not self.weight[chosen].any():
             return 0.0
         squared = np.average(np.radians(np.minimum(error[chosen], CLIP)) ** 2, weights=self.weight[chosen])
         return 10 * np.log10(1 + self.shown * float(squared))
 
     def worth(self, error):
-        """Return the bytes that removing the errors is worth."""
+        """Return the bytes that removing all errors of normals is worth. error: degrees by corner."""
         return self.attributes * (10 ** (self.lost(error) / DECIBELS) - 1)
 
     def errors(self, normals, chosen=...):
-        """Return degrees between normals [N, 3] and the source's at chosen corners."""
+        """Return the angles in degrees, float64 [N], between normals [N, 3] and the source's at chosen corners."""
         apart = normals - self.source[chosen]
         chord = np.sqrt(np.einsum("nk,nk->n", apart, apart))
         return np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1.0)))
 
     def scores(self, normals):
-        """Return the mean clipped error by material, float64 [M]; 0 if it has no surface."""
+        """Return the mean clipped error in degrees by material, float64 [M]; 0 if a material has no surface. normals: [3 F, 3],
+        at all corners."""
         total = np.bincount(self.material, np.minimum(self.errors(normals), CLIP) * self.weight, self.materials)
         area = np.bincount(self.material, self.weight, self.materials)
         return total / np.where(area > 0, area, 1.0)
@@ -380,7 +382,8 @@ def _rounded(error, target, corners):
 
 
 def quantiles(error: np.ndarray, weight: np.ndarray, points: tuple[float, ...]) -> list[float]:
-    """Return the least errors that these shares of the weight do not exceed; 0 without weight. error, weight: float64 [N]."""
+    """Return weighted quantiles of errors: for each of `points`, a share of the weight, the least error that this share does not
+    exceed; 0 without weight. error, weight: float64 [N]."""
     order = np.argsort(error)
     total = np.cumsum(weight[order])
     if not len(total) or total[-1] <= 0:

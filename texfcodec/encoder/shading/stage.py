@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 
 def shade(meshed: Meshed, budget: int | None, frames: Cache, report: Report) -> Shaded:
-    """Return the Shaded of a mesh. budget: bytes of the stream, None without one; frames: cache of fitted plans."""
+    """Run the fourth stage: return the Shaded of a mesh, with the rules by which a decoder derives normals and with normal maps
+    in its tangent frames. budget: bytes of the stream, None without one; frames: cache of fitted plans."""
     sent, supports, price = meshed.mesh.value, meshed.supports, meshed.price
     with report.stage("normals") as step:
         folded = with_folded_normals(sent.scene, sent.surface, _without_uv_area(meshed.plans))

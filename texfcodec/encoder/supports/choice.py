@@ -76,11 +76,11 @@ class SupportRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class Supports:
-    """plans: TexelPlans; resolution: K of the surface over voxels; qp_offset: of its values to the rate's QP; values: as of
-    Lagrangian; mse: squared error of colours and maps, None if these take no bytes; extra_bytes: cost above that of the best
-    supports on the source's mesh; bytes: of all supports that were tried, their geometry included; attributes: bytes that colours
-    and maps are likely to take, 0 if nothing was tried; colour_mse: squared error of colours and alpha alone, without a weight in
-    light, None if mse is."""
+    """A choice of supports: the images that go over texels, and K of the rest over voxels. plans: TexelPlans; resolution: K of
+    the surface over voxels; qp_offset: of its values to the rate's QP; values: as of Lagrangian; mse: squared error of colours
+    and maps, None if these take no bytes; extra_bytes: cost above that of the best supports on the source's mesh; bytes: of all
+    supports that were tried, their geometry included; attributes: bytes that colours and maps are likely to take, 0 if nothing
+    was tried; colour_mse: squared error of colours and alpha alone, without a weight in light, None if mse is."""
 
     plans: list[SourcePlan]
     resolution: int
@@ -119,7 +119,7 @@ class _Candidate:
     evidence: dict = field(default_factory=dict)
 
     def decided(self, over: str, reason: str, **more: Any) -> _Candidate:
-        """Return the candidate with its choice, "texels" or "voxels", and the reason."""
+        """Return the candidate with its choice. over: "texels" or "voxels"; reason, more: entries for the report."""
         evidence = {**self.evidence, "texels": self.texels.evidence(), **more, "chosen": over, "reason": reason}
         return replace(self, goes=over == "texels", evidence=evidence)
 
@@ -131,7 +131,8 @@ class _Candidate:
 
 def choose_supports(prepared: Prepared, price: Lagrangian, request: SupportRequest, caches: Caches,
                     step: Step = no_step) -> tuple[Decision[Supports], ...]:
-    """Candidate supports for a prepared scene.
+    """Return the candidate supports of a prepared scene: the parts of the surface that go over texels or voxels, and the
+    resolutions.
 
     Parameters
     ----------
@@ -195,8 +196,9 @@ class _Choice:
 
     def candidates(self, groups: list[ImageGroup[LatticeFaces]], colours: np.ndarray, evidence: dict, step: Step) \
             -> tuple[Decision[Supports], ...]:
-        """Choose for each image by itself, then K and position bits for all together. The promise of the rate is dropped if it
-        would take more bytes than the source's files."""
+        """Return the candidate supports as choose_supports() does, chosen for each image by itself, then K and position bits for
+        all together. The promise of the rate is dropped if it would take more bytes than the source's files. groups: the images;
+        colours: of material_colours(); evidence: entries that the report begins with."""
         candidates = self._all(groups, colours, evidence, step)
         most = sum(self.scene.files.values())
         if not self.price.has_promise or not most or candidates[0].value.bytes <= most:
@@ -433,7 +435,8 @@ def _coarsest(price, request):
 
 
 def moved_plans(plans: list[SourcePlan], scene: Scene, surface: SourceSurface) -> list[SourcePlan]:
-    """Return the plans on another lattice, on which the same groups may have other faces."""
+    """Return the TexelPlans for another surface, that of the same scene on another lattice or of a simplified one. Their image
+    groups may have other faces there; a plan whose group is missing there is dropped. scene, surface: the other ones."""
     out, groups = [], image_groups(scene, surface) if plans else []
     for plan in plans:
         same = next((g for g in groups if g.key == plan.group.key), None)

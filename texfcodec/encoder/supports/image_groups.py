@@ -54,8 +54,8 @@ class ImageGroup(Generic[Faces]):
         return self.image.shape[1], self.image.shape[0]
 
     def values(self, texels: np.ndarray) -> np.ndarray:
-        """Return texels of the image with its factor, float32 [..., 4] in 0..255, colour sRGB-coded, straight alpha; whole
-        numbers if the factor is 1. texels: uint8 [..., 4]."""
+        """Return texels of the image after multiplication by the factor, float32 [..., 4] in 0..255, colour sRGB-coded, straight
+        alpha; whole numbers if the factor is 1. texels: uint8 [..., 4]."""
         out = np.empty(texels.shape, np.float32)
         for c in range(4):
             out[..., c] = self._curve(c)[texels[..., c]]
@@ -63,7 +63,8 @@ class ImageGroup(Generic[Faces]):
 
     def resampled(self, image: np.ndarray, weight: np.ndarray, size: tuple[int, int], wrap: tuple[int, int],
                   threads: int = 1) -> np.ndarray:
-        """Return a part of the image with its factor at another size; see resample.resampled. Constant alpha needs no fit."""
+        """Return an image, uint8 [h, w, 4], at another size after multiplication by the group's factor; the other arguments and
+        the result are as of resample.resampled. Constant alpha needs no fit."""
         values = self.values(image)
         if values[..., 3].min() == values[..., 3].max():
             out = np.full((size[1], size[0], 4), values[0, 0, 3], np.float32)
@@ -83,9 +84,9 @@ class ImageGroup(Generic[Faces]):
 
 
 def brought_near(uv: np.ndarray, size: tuple[int, int], wrap: tuple[int, int]) -> np.ndarray:
-    """Return UVs of faces in texels of an image of `size` (width, height), float64 [F, 3, 2]. If together they reach further than
-    a unit of the stream has room for, faces far from the median are moved by whole periods of the image, which changes no picture
-    because it repeats there."""
+    """Return UVs of faces moved near to each other, float64 [F, 3, 2] in texels of an image of `size` (width, height). If
+    together they reach further than a unit of the stream has room for, faces far from the median are moved by whole periods of
+    the image, which changes no picture because it repeats there. uv: float64 [F, 3, 2]; wrap: modes (s, t)."""
     out, sound = uv.copy(), np.isfinite(uv).all(axis=(1, 2))
     for axis in range(2) if sound.any() else ():
         low = uv[sound, :, axis].min(axis=1)
@@ -99,8 +100,9 @@ def brought_near(uv: np.ndarray, size: tuple[int, int], wrap: tuple[int, int]) -
 
 
 def image_groups(scene: Scene, surface: SourceSurface) -> list[ImageGroup[LatticeFaces]]:
-    """Return the groups of a surface: faces with the same images (by content), wrap modes, factor and use of alpha; one group for
-    the faces of a material with vertex colours, these in its texels; and one palette for the faces of materials without an image.
+    """Return the ImageGroups of a surface, each a candidate for a field over texels: faces with the same images (by content),
+    wrap modes, factor and use of alpha; one group for the faces of a material with vertex colours, these in its texels; and one
+    palette for the faces of materials without an image.
 
     Some faces are in no group: those without any image whose vertices have colours, those that share texels but not colours,
     those with UVs that are not finite or too far out, and those whose images differ in UVs or wrap modes.
@@ -129,7 +131,7 @@ def image_groups(scene: Scene, surface: SourceSurface) -> list[ImageGroup[Lattic
 
 
 def textures_of(material: Material) -> dict[str, int]:
-    """Return textures of a material by channel name, "" for the base colour."""
+    """Return the numbers of a material's textures by channel name, "" for the base colour."""
     return {**({"": material.texture} if material.texture >= 0 else {}), **material.maps}
 
 

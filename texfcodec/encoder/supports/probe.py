@@ -53,10 +53,11 @@ LEFT_BY_FIT = 0.6  # share of the transfer's squared error that a fit leaves; 0.
 
 @dataclass(frozen=True)
 class TrialCoding:
-    """values: number on the whole surface; bits: per value; mse: at surface points, after coding; qp_offset: of the trial to the
-    rate's QP; fixed: bytes beside the values; maps: TrialCodings of further channels, by name; uncoded: squared error before
-    coding; alpha: the part of mse that is alpha's; slopes: log2 changes of the bits (less) and of the error of coding (more) with
-    a step of QP, (0, 0) if not measured."""
+    """Bytes and error of a support, estimated from samples of it that were coded on trial. values: number on the whole surface;
+    bits: per value; mse: at surface points, after coding; qp_offset: of the trial to the rate's QP; fixed: bytes beside the
+    values; maps: TrialCodings of further channels, by name; uncoded: squared error before coding; alpha: the part of mse that is
+    alpha's; slopes: log2 changes of the bits (less) and of the error of coding (more) with a step of QP, (0, 0) if not
+    measured."""
 
     values: int
     bits: float
@@ -69,7 +70,7 @@ class TrialCoding:
     slopes: tuple[float, float] = (0.0, 0.0)
 
     def at(self, steps: int) -> TrialCoding:
-        """Return the trial at a QP that is coarser by some steps, by its slopes."""
+        """Return the trial as predicted, by its slopes, at a QP that is coarser by some steps; finer if they are negative."""
         saved, added = self.slopes
         mse = self.uncoded + (self.mse - self.uncoded) * 2.0 ** (added * steps)
         alpha = self.alpha * mse / self.mse if self.mse else 0.0
@@ -128,12 +129,13 @@ class SampleRegion:
         self.weight = self.area / float(self._areas.sum())
 
     def packed(self, faces: np.ndarray) -> tuple:
-        """Return the source of the channel on some faces of the surface, int64 [F]."""
+        """Return the region's channel on some faces of the surface, int64 [F], as a source that scene.fetch samples."""
         rows = self.surface.origin_face[faces]
         return pack_source(self.scene, rows) if self.name is None else pack_map(self.scene, self.name, rows)
 
     def values(self, rgba: np.ndarray) -> np.ndarray:
-        """Return the coded values of colours float32 [N, 4] of packed()."""
+        """Return the components that are coded of sampled RGBA, float32 [N, C]: RGB with alpha if it varies, or the columns of a
+        map. rgba: float32 [N, 4], sampled from packed()."""
         if self.name is None:
             return np.ascontiguousarray(rgba[:, : 3 if self.colour[:, 3].min() == 255 else 4])
         return np.ascontiguousarray(rgba[:, map_columns(self.name)])
@@ -148,19 +150,19 @@ class SampleRegion:
         return face_areas(self.surface.lattice, self.surface.faces)
 
     def voxels(self, resolution: int) -> int:
-        """Return the rough number of voxels at a resolution."""
+        """Return the rough number of voxels that the region's faces fill at a resolution K."""
         return round(self.area * (resolution / (1 << self.surface.cube.position_bits)) ** 2 * VOXELS_PER_AREA)
 
     def texels_per_edge(self, resolution: int) -> float:
-        """Return texels along an edge of a voxel, as field.transfer.texels_per_edge, of the finest channel."""
+        """Return the mean number of texels along the edge of a voxel at a resolution K, in the channel with the most."""
         surface, faces = self.surface, self.surface.faces[self.faces]
         own = texels_per_edge(surface.lattice, faces, self.source, surface.cube.position_bits, resolution)
         return max([own, *(region_of_map.texels_per_edge(resolution) for region_of_map in self.maps.values())])
 
     def mse(self, chosen: np.ndarray, got: np.ndarray, stands_for: np.ndarray | None = None) -> float:
-        """Return the mean squared error at chosen points, of Y and, if it is coded, of alpha; of a map the mean over its
-        components by its weight. got: float32 [n, C], of values(); stands_for: float64 [n], area of the surface that each point
-        stands for, None if all are equal."""
+        """Return the mean squared error of values at chosen points of the region, int64 [n]: of Y and, if it is coded, of alpha;
+        for a map the mean over its components, times its weight. got: float32 [n, C], the values there, as of values();
+        stands_for: float64 [n], area of the surface that each point stands for, None if all are equal."""
         if not len(chosen):
             return 0.0
         shares = np.ones(len(chosen)) if stands_for is None else stands_for
@@ -223,7 +225,7 @@ class _Cells(NamedTuple):
     stands_for: np.ndarray
 
     def of_points(self, keys):
-        """Return stands_for of points that are in cells, int64 [n]."""
+        """Return the area that each of some points stands for, float64 [n]. keys: int64 [n], Morton keys of their cells."""
         return self.stands_for[np.searchsorted(self.keys, keys)]
 
 
@@ -271,7 +273,8 @@ def _well_inside(place, cell, cells):
 
 
 def probe_texels(region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int, coder: Coder) -> TrialCoding:
-    """Return the TrialCoding of a TexelPlan. keys: int64 [N], the texels that it covers; cell: log2 of a cell's side."""
+    """Code texels of a TexelPlan in sampled cells (squares) and return the TrialCoding that estimates all of them. keys: int64
+    [N], Morton keys of the texels that the plan covers; cell: log2 of a square's side in texels; coder: codec and QP."""
     texel = np.einsum("nc,ncd->nd", region.bary, plan.group.uv[region.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
     sample = _sampled_cells(region, place.astype(np.int64), cell, TEXEL_CELLS, keys)
@@ -318,8 +321,9 @@ def _wrapped(place, size, mode):
 
 
 def probe_voxels(region: SampleRegion, resolution: int, cell: int, coder: Coder, price: Lagrangian) -> TrialCoding:
-    """Return the TrialCoding of voxels at a resolution. cell: log2 of a cell's side; price: for the area threshold, the density
-    of the transfer, and whether a surface fit may follow it."""
+    """Code the voxels of sampled cells (cubes) and return the TrialCoding that estimates all voxels of a region. resolution: K;
+    cell: log2 of a cube's side in voxels; coder: codec and QP; price: gives the area threshold, the density of the transfer, and
+    whether a surface fit may follow."""
     surface, bits = region.surface, region.surface.cube.position_bits
     grid = region.points * (resolution / (1 << bits))
     sample = _sampled_cells(region, grid.astype(np.int64), cell, VOXEL_CELLS)

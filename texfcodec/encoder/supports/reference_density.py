@@ -21,8 +21,9 @@ REFERENCE_K, LEAST_K = 1024, 256  # no source counts as coarser than voxels of t
 
 
 def reference_values(surface: Surface, groups: list[ImageGroup], others: np.ndarray) -> float:
-    """Return the values that the whole surface would have if all of it were as dense as its coded content. An image has its
-    texels, but at most as many as voxels of REFERENCE_K; everything else has such voxels. Palettes and flat colours do not count.
+    """Return the number of values that a source counts as, for the price of a byte: as if the whole surface were as dense as its
+    coded content. An image has its texels, but at most as many as voxels of REFERENCE_K; everything else has such voxels.
+    Palettes and flat colours do not count.
 
     others: bool [F], faces outside of the groups that show more than one colour.
     """
@@ -36,6 +37,6 @@ def reference_values(surface: Surface, groups: list[ImageGroup], others: np.ndar
 
 
 def texels_shown(group: ImageGroup) -> float:
-    """Return the rough number of texels of an image that its UVs show."""
+    """Return the rough number of texels that the faces of a group show of its image, each counted once at most."""
     u, v = group.uv[:, 1] - group.uv[:, 0], group.uv[:, 2] - group.uv[:, 0]
     return min(float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() / 2), group.size[0] * group.size[1])

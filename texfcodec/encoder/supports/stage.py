@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def support(prepared: Prepared, request: SupportRequest, price: Lagrangian, caches: Caches, report: Report) -> Supported:
-    """Return the Supported of a scene at one quality. Raises InputError, LimitError."""
+    """Run the second stage: return the Supported of a scene, candidate supports at a quality. Raises InputError, LimitError."""
     with report.stage("supports") as step:
         candidates = choose_supports(prepared, price, request, caches, step)
     return Supported(prepared=prepared, price=price, candidates=candidates)

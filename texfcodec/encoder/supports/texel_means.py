@@ -70,7 +70,7 @@ class TexelMeans(NamedTuple):
 
 def texel_means(uv: np.ndarray, values: np.ndarray, area: np.ndarray, fraction_bits: int, size: tuple[int, int],
                wrap: tuple[int, int]) -> TexelMeans:
-    """Return means of the corners' values over each texel that faces show.
+    """Return the mean, over each texel of an image that faces show, of values interpolated between the faces' corners.
 
     Parameters
     ----------

@@ -35,8 +35,8 @@ NEGLIGIBLE = 0.02  # squared error from which on each bit is taken to leave a qu
 
 @dataclass(frozen=True)
 class TexelPlan(Generic[Faces]):
-    """A planned field over texels. group: ImageGroup; size: coded (width, height); fraction_bits: of its UVs; qp_offset: of its
-    values, to the rate's QP."""
+    """A planned field over the texels of an image. group: ImageGroup, the faces and their image; size: coded (width, height);
+    fraction_bits: of its UVs, below the texel; qp_offset: of its values, to the rate's QP."""
 
     group: ImageGroup[Faces]
     size: tuple[int, int]
@@ -54,7 +54,8 @@ class TexelPlan(Generic[Faces]):
         return np.floor(self.group.uv * scale + 0.5).astype(np.int64)
 
     def values(self, surface: Surface, xy: np.ndarray, threads: int) -> np.ndarray:
-        """Return values of texels of the coded size, float32 [N, 4]. xy: columns and rows, int32 [N, 2]."""
+        """Return the colours of some texels of the image at its coded size, RGBA float32 [N, 4] in 0..255. surface: the group's,
+        whose areas weigh the texels if the image is made smaller; xy: columns and rows, int32 [N, 2]."""
         group = self.group
         if self.size == group.size:
             return group.values(group.image[xy[:, 1], xy[:, 0]])
@@ -64,8 +65,9 @@ class TexelPlan(Generic[Faces]):
         return group.smaller[self.size][xy[:, 1], xy[:, 0]]
 
     def values_of_map(self, name: str, surface: Surface, support: TexelSupport, threads: int) -> tuple[np.ndarray, int]:
-        """Return a further channel of the field: (values float32 [n, C] of the texels of support.coarser(levels), levels). A map
-        that is smaller than the field by a power of two keeps its own texels."""
+        """Return (values of one of the group's maps at the field's texels, levels): float32 [n, C] for the texels of
+        support.coarser(levels). Levels are above 0 if a map, smaller than the field by a power of two, keeps its own texels.
+        name: its channel."""
         image = self.group.maps[name]
         size = (image.shape[1], image.shape[0])
         shift = max((self.size[0] // size[0]).bit_length() - 1, 0)
@@ -103,7 +105,7 @@ def _stretched(values, size):
 
 
 def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
-    """Return the most bits of a UV below the texel that the stream can hold."""
+    """Return the most bits below the texel that UVs of a group can have in a stream. size: coded (width, height)."""
     scale = max(size[0] / group.size[0], size[1] / group.size[1])
     reach, span = np.abs(group.uv).max() * scale, np.ptp(group.uv.reshape(-1, 2), axis=0).max() * scale
     bits = MOST_FRACTION_BITS
@@ -113,11 +115,12 @@ def most_fraction_bits(size: tuple[int, int], group: ImageGroup) -> int:
 
 
 def rounding_errors(region: SampleRegion, plan: TexelPlan) -> np.ndarray:
-    """Return the squared error that rounded UVs add at surface points, the sum over channels, by number of bits: float64
-    [MOST_FRACTION_BITS + 1].
+    """Return the squared error that rounded UVs add at points of a region, the sum over channels, for each number of bits below
+    the texel: float64 [MOST_FRACTION_BITS + 1].
 
     Neighbouring texels in the image say little about it: UVs of a palette lie at the centres of texels and never between them,
-    and half a texel further is another colour. So the image is sampled at points of the surface, with exact and with rounded UVs.
+    and half a texel further is another colour. So the image is sampled at points of the surface, with exact and with rounded
+    UVs.
     """
     errors: list[float] = []
     for bits in range(MOST_FRACTION_BITS + 1):
@@ -139,8 +142,9 @@ def _added(region, plan, bits):
 
 
 def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows: int | None, most: int | None) -> np.ndarray:
-    """Return ascending keys int64 [N] of the texels that interpolation on a plan's surface weighs. uv: int64 [V, 2]; faces: int64
-    [F, 3]. Raises LimitError for more rows or texels than these."""
+    """Return the ascending Morton keys, int64 [N], of the texels that bilinear interpolation reads anywhere on a surface. uv:
+    int64 [V, 2] in steps of 2**-fraction_bits texels; faces: int64 [F, 3]. Raises LimitError for more than most_rows rows or
+    `most` texels."""
     rows = count_rows(uv, faces, plan.fraction_bits)
     if most_rows is not None and rows > most_rows:
         raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=rows, allowed=most_rows)
@@ -148,7 +152,8 @@ def covered_texels(plan: TexelPlan, uv: np.ndarray, faces: np.ndarray, most_rows
 
 
 def texel_field(plan: SentPlan, uv: np.ndarray, faces: np.ndarray, source: Source, limits: Limits, threads: int) -> SourceField:
-    """Return the SourceField of a plan over its decoded surface. uv: int64 [V, 2]; faces: int64 [F, 3]. Raises LimitError."""
+    """Return the SourceField of a plan: its texels and the source's values there. uv: int64 [V, 2] and faces: int64 [F, 3], the
+    decoded surface; source: scene and surface that values come from. Raises LimitError."""
     keys = covered_texels(plan, uv, faces, limits.samples, limits.voxels)
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap,
                            fraction_bits=plan.fraction_bits)

@@ -49,12 +49,12 @@ class Trials:
         return self.scene.materials
 
     def keeps_promise(self, trial: TrialCoding, region: SampleRegion) -> bool:
-        """Return whether base colour is as close as the QP promises, or short of that by at most MOST_SHORT."""
+        """Return whether a trial's base colour is as close to the source as the QP promises, or at most MOST_SHORT worse."""
         return not self.price.has_promise or trial.colour <= self._worst(region, MOST_SHORT)
 
     def region(self, faces: np.ndarray, texels: float = math.inf) -> SampleRegion | None:
-        """Return points of some faces, int64 [F], for comparing candidates; None if these have no area. texels: of the image
-        there. Small but densely textured parts get extra weight, because viewers zoom in on them."""
+        """Return the SampleRegion of some faces, int64 [F]: points on them for comparing candidates; None if these have no area.
+        texels: number that the image has there. Small, densely textured parts get extra weight, because viewers zoom in."""
         if not face_areas(self.surface.lattice, self.surface.faces[faces]).any():
             return None
 
@@ -66,8 +66,8 @@ class Trials:
         return self.regions.get(_RegionKey(faces.tobytes(), texels), sampled)
 
     def texels(self, region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int) -> TrialCoding:
-        """Return the trial of a TexelPlan, coded in squares with a side of 2**cell texels. keys: int64 [N], the texels that it
-        covers."""
+        """Return the TrialCoding of a TexelPlan at the QP of least cost, coded in squares with a side of 2**cell texels. keys:
+        int64 [N], Morton keys of the texels that the plan covers."""
 
         def coded(offset):
             return replace(probe_texels(region, plan, keys, cell, self.price.planes.shifted(offset)), qp_offset=offset)
@@ -75,7 +75,8 @@ class Trials:
         return self._settled(coded, region, len(keys))
 
     def voxels(self, region: SampleRegion, resolution: int, cell: int) -> TrialCoding:
-        """Return the trial of voxels at a resolution, coded in cubes with a side of 2**cell voxels."""
+        """Return the TrialCoding of a region's voxels at a resolution K and the QP of least cost, coded in cubes with a side of
+        2**cell voxels."""
         def coded(offset):
             trial = probe_voxels(region, resolution, cell, self.price.planes.shifted(offset), self.price)
             return replace(trial, qp_offset=offset)

@@ -40,7 +40,7 @@ class Coder:
         return self.settings.qp
 
     def at(self, **quality: float | None) -> Coder:
-        """Return the coder with another qp, max_error or chroma_qp_offset."""
+        """Return the coder with other settings; quality: qp, max_error, chroma_qp_offset or further ones by name."""
         return replace(self, settings=replace(self.settings, **quality))
 
     @property
@@ -49,7 +49,7 @@ class Coder:
         return hasattr(self.settings, "qp_fraction")
 
     def between(self, qp: float) -> Coder:
-        """Return the coder at a QP that need not be whole; at the next finer whole one if the codec has none between."""
+        """Return the coder at a QP that need not be whole; a codec with whole QPs only takes the next finer one."""
         whole = math.floor(qp)
         return self.at(qp=whole, qp_fraction=qp - whole) if self.has_fractions else self.at(qp=whole)
 
@@ -58,7 +58,8 @@ class Coder:
         return self.at(is_rough=True) if hasattr(self.settings, "is_rough") else self
 
     def shifted(self, offset: int) -> Coder:
-        """Return the coder with its QP shifted by an offset."""
+        """Return the coder with its QP shifted by an offset, within LEAST_QP..LAST_QP; unchanged if it has an error bound
+        instead."""
         if self.qp is None:
             return self
         return self.at(qp=min(max(self.qp + offset, min(LEAST_QP, self.qp)), max(LAST_QP, self.qp)))
@@ -68,14 +69,14 @@ class Coder:
         return self.at(qp=None, max_error=0)
 
     def for_plane(self, plane: np.ndarray) -> Coder:
-        """Return the coder of a plane float32 [N, C] in 0..255, by codec_for()."""
+        """Return the coder for a plane float32 [N, C] in 0..255, with the codec that codec_for() chooses."""
         return replace(self, codec=codec_for(plane, self.codec))
 
     def for_group(self, group: Group, weights: Mapping[str, float]) -> Coder:
-        """Return the coder with a channel group's QPs. At equal slopes of bytes and error of a shaded picture, a channel whose
-        errors weigh w times those of base colour has 1 / w of its squared error. weights: of a Scene. The QP of the second
-        channel of a group is an offset to the first's; components of a channel that is no colour share a QP. Alpha keeps the
-        QP."""
+        """Return the coder with the QPs of a channel group. At equal slopes of bytes and error of a shaded picture, a channel
+        whose errors weigh w times those of base colour has 1 / w of its squared error. weights: of a Scene. The QP of the second
+        channel of a group is an offset to that of the first; components of a channel that is no colour share a QP. Alpha keeps
+        the QP."""
         if self.qp is None or group.channels[0] is ALPHA:
             return self
         steps = [-10 * math.log10(weights.get(c.name, c.weight)) * QP_PER_DECIBEL for c in group.channels]
@@ -85,17 +86,18 @@ class Coder:
         return self.at(qp=qp, chroma_qp_offset=round(steps[-1] - steps[0]))
 
     def code(self, plane: np.ndarray, support: VoxelSupport | TexelSupport) -> tuple[dict, np.ndarray]:
-        """See PlaneCodec.enc."""
+        """Code a plane, float32 [N, C] in 0..255, on the keys of a support. Return (syntax values of the codec's part of a unit,
+        the plane as a decoder gets it), as PlaneCodec.enc does."""
         return self.codec.enc(plane, support, self.settings)
 
     def size(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, variables: dict) -> tuple[int, np.ndarray]:
-        """Return (bytes of the codec's part of a unit, values decoded from it). variables: inputs of that part from elsewhere, as
-        of bitstream.stream.attribute_variables."""
+        """Code a plane, float32 [N, C] in 0..255, and return (bytes of the codec's part of a unit, the plane as a decoder gets
+        it). variables: syntax values from other units that this part depends on, as of bitstream.stream.attribute_variables."""
         values, decoded = self.code(plane, support)
         return len(self.codec.write_parameters({**values, **variables})), decoded
 
 
 def codec_for(plane: np.ndarray, requested: PlaneCodec) -> PlaneCodec:
-    """Return the codec for a plane float32 [N, C] in 0..255: a built-in one that suits it, or else the requested one."""
+    """Return the codec for a plane float32 [N, C] in 0..255: the first built-in one that suits it, or else the requested one."""
     ours = (codec for codec in our_codecs() if not codec.joint and codec.suits(plane))
     return next(ours, requested)  # type: ignore[return-value]  # a codec that is not joint is one of planes

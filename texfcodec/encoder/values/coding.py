@@ -50,19 +50,20 @@ class Coding(ABC):
 
     @abstractmethod
     def content(self, placed: Placed, wanted: FillRequest, cache: Cache, report: Report) -> Decision[Content]:
-        """Return the Content of a placed mesh, with values of the source. wanted: refinement; cache: of transferred and fitted
-        fields."""
+        """Return the Decision on the Content of a placed mesh: its fields, filled with values of the source. wanted: gives the
+        refinement of these values; cache: of transferred and fitted fields."""
 
     @abstractmethod
     def units(self, filled: Filled, stream: Stream, cache: Cache, report: Report) -> Decision[Planes]:
-        """Add the attribute units of a Filled to a stream that already holds all other units. cache: of coded units."""
+        """Code the values of a Filled and add their attribute units to a stream that already holds all other units; return the
+        decoded planes. cache: of coded units."""
 
 
 class PlaneCoding(Coding):
     """For codecs of planes: one attribute unit for each channel group of each field."""
 
     def content(self, placed: Placed, wanted: FillRequest, cache: Cache, report: Report) -> Decision[Content]:
-        """See Coding.content: transfer from the textures, and refinement."""
+        """Return the Decision on the Content, with values transferred from the textures to each field's voxels, and refined."""
         source, names, price = placed.source, placed.names, placed.shaded.meshed.price
         fields = list(placed.fields)
         for number, key in enumerate(field_keys("transfer", source, fields[: len(names)], price.resolution)):
@@ -79,7 +80,8 @@ class PlaneCoding(Coding):
         return Decision(Content(source, fields), {"refinement": refinement.evidence}, warnings)
 
     def units(self, filled: Filled, stream: Stream, cache: Cache, report: Report) -> Decision[Planes]:
-        """See Coding.units."""
+        """Code each channel group of each field as a unit of its own, at a QP that suits it; return the decoded planes by
+        field."""
         planes: Planes = [{} for _ in filled.fields]
         evidence: list[dict] = []
         budgets, surface, groups = image_budgets(filled.source, filled.fields), filled.source.surface, filled.source.groups
@@ -111,11 +113,11 @@ class JointCoding(Coding):
     """For codecs that code all fields and channel groups in one unit, and sample the source themselves."""
 
     def content(self, placed: Placed, wanted: FillRequest, cache: Cache, report: Report) -> Decision[Content]:
-        """See Coding.content."""
+        """Return the Decision on the Content as it was placed, without values: the codec samples the source itself."""
         return Decision(Content(placed.source, placed.fields), {})
 
     def units(self, filled: Filled, stream: Stream, cache: Cache, report: Report) -> Decision[Planes]:
-        """See Coding.units."""
+        """Code all fields as a single attribute unit, add it to the stream, and return the decoded planes by field."""
         request, codec, planes, total = filled.request, filled.request.codec, [], 0
         assert isinstance(codec, JointCodec)
         if not filled.fields:
@@ -130,7 +132,7 @@ class JointCoding(Coding):
 
 
 def coding_of(price: Lagrangian) -> Coding:
-    """Return the Coding that a codec needs: PlaneCoding if price has a coder."""
+    """Return the Coding that the codec needs: PlaneCoding if the price has a coder, else JointCoding."""
     return JointCoding() if price.coder is None else PlaneCoding()
 
 

@@ -70,13 +70,14 @@ class View:
     weight: np.ndarray
 
     def colours(self, values: np.ndarray) -> np.ndarray:
-        """Return the colours of the field, float32 [M, 3]."""
+        """Return the colours of the covered pixels, float32 [M, 3], blended from voxel colours, float32 [N, 3] of all fields."""
         out = np.empty_like(self.target)
         _blend(self.rank, self.weight, values, out)
         return out
 
     def loss(self, values: np.ndarray, threads: int) -> tuple[float, float, np.ndarray]:
-        """Return (loss, mean squared error, slope of the loss by colours(), float32 [M, 3])."""
+        """Return (loss, mean squared error, gradient of the loss by colours(), float32 [M, 3]) of the picture that voxel colours
+        show. values: float32 [N, 3], of all fields."""
         return picture_loss(self.size, self.pixel, self.target, self.colours(values), threads)
 
 
@@ -115,14 +116,14 @@ class Pictures:
 
 
 def held_out(pictures: Pictures, count: int = HELD_OUT_VIEWS) -> list[View]:
-    """Return held-out views, drawn from their own Pictures, without those that show nothing."""
+    """Return `count` Views for judging, without those that show nothing. pictures: with a seed of its own."""
     return [v for v in (pictures.view() for _ in range(count)) if len(v.pixel)]
 
 
 def refine_by_rendering(surfaces: list[FieldSurface], colours: list[np.ndarray], threads: int = 1,
                         schedule: Schedule = USUAL, on_progress: Callable[[int, int], object] = lambda done, total: None,
                         ) -> tuple[list[np.ndarray], list[dict], int]:
-    """Improve the colours of all fields together.
+    """Improve the voxel colours of all fields together until rendered pictures look like the source's.
 
     surfaces: FieldSurfaces, one per field; colours: float32 [N, 3] per field, 0..255. Returns (colours in the same form, log and
     index of the row that was kept, both as of keep_best). The result depends on the seed, not on the number of threads.

@@ -26,13 +26,13 @@ TOGETHER = ("roughness", "metallic")  # one group where both are coded: 0 to 6 %
 
 
 def map_names(materials: Iterable[Material]) -> set[str]:
-    """Return channels that materials have maps of."""
+    """Return the names of the channels that any of the materials has a map of."""
     return {name for material in materials for name in material.maps}
 
 
 def groups_of(present: set[str], alpha: bool) -> tuple[Group, ...]:
-    """Return the channel groups of a stream. present: names of all channels, in channels.CHANNELS, that any field has beside base
-    colour and alpha."""
+    """Return the channel groups of a stream, in order. present: names of all channels, in channels.CHANNELS, that any field has
+    beside base colour and alpha; alpha: whether alpha is coded."""
     groups = [Group((BASE_COLOUR,))] + [Group((ALPHA,))] * alpha
     joint = [BY_NAME[name] for name in TOGETHER if name in present]
     for channel in CHANNELS[2:]:
@@ -46,7 +46,7 @@ def groups_of(present: set[str], alpha: bool) -> tuple[Group, ...]:
 
 
 def with_grey(groups: tuple[Group, ...], fields: list[SourceField]) -> tuple[Group, ...]:
-    """Return the groups; a group of one colour whose components are alike in all fields is marked grey."""
+    """Return the groups, with a colour's group marked grey if its components are alike in all fields."""
     return tuple(group._replace(grey=_is_grey(group, fields)) for group in groups)
 
 
@@ -62,8 +62,8 @@ def _alike(plane):
 
 
 def joined(part: SourceField, group: Group) -> tuple[np.ndarray, int]:
-    """Return (values of a group in a SourceField that has at least one of its channels, float32 [n, components]; levels by which
-    they are coarser than the field). Channels that the field lacks are 255; coarser ones are brought to the finest."""
+    """Return (values of a group's channels side by side, float32 [n, components]; levels by which they are coarser than the
+    field). The field has at least one of the channels. Those that it lacks are 255; coarser ones are brought to the finest."""
     shift = min(part.shifts.get(channel.name, 0) for channel in group.channels if channel.name in part.planes)
     support = part.support.coarser(shift)
     planes = {}
@@ -89,8 +89,8 @@ def errors_of(group: Group, plane: np.ndarray, decoded: np.ndarray) -> dict:
 
 
 def with_maps(part: SourceField, source: Source, number: int, names: set[str], threads: int) -> SourceField:
-    """Return a SourceField over voxels, field `number` of the source, with the values of the maps of its faces. names: of the
-    channels, as materials know them."""
+    """Return a SourceField over voxels with the values of the maps of its faces. number: of the field in source; names: channels
+    of the maps, as materials know them."""
     planes = {}
     for name in sorted(names):
         channel = channel_over(name, planar=False)

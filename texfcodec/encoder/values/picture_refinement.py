@@ -28,8 +28,8 @@ SCALE = 1e4  # of the slopes, which a mean over a picture makes small beside tra
 
 @dataclass
 class Picture:
-    """size: pixels a side; pixel: int64 [M], the covered ones, row * size + column; samples: Samples [M]; cells: of the samples,
-    by cells_of."""
+    """A picture to learn from. size: pixels a side; pixel: int64 [M], the covered ones, row * size + column; samples: Samples
+    [M], the surface points that these pixels show; cells: of the samples, by cells_of."""
 
     size: int
     pixel: np.ndarray
@@ -37,7 +37,7 @@ class Picture:
     cells: tuple
 
     def loss(self, fit: Fit) -> tuple[float, float, np.ndarray]:
-        """Return the picture_loss() of the colours of a fit."""
+        """Return the picture_loss() of what a fit shows: (loss, mean squared error, gradient by its colours float32 [M, 3])."""
         shown = np.clip(fit.answers(self.samples, self.cells), 0, 255)
         return picture_loss(self.size, self.pixel, self.samples.target.astype(np.float32), shown, fit.threads)
 
@@ -58,10 +58,10 @@ class Pictures:
 
 def refine_by_pictures(fit: Fit, source: Source, position_bits: int, schedule: Schedule = USUAL,
                        on_progress: Callable[[int, int], object] = lambda done, total: None) -> tuple[list[dict], int]:
-    """Improve a fit.Fit in place.
+    """Improve the latents and the network of a fit.Fit in place, by steps on the loss of rendered pictures.
 
-    source: fit_samples.Source that it was fitted to. Returns (log, index of the row that was kept) as of keep_best. The result
-    depends on the seed alone.
+    source: fit_samples.Source that it was fitted to; position_bits: of its lattice. Returns (log, index of the row that was
+    kept) as of keep_best. The result depends on the seed alone.
     """
     begin, views = time.perf_counter(), schedule.views
     pictures = Pictures(source, fit.tables, position_bits, schedule.seed, schedule.size)

@@ -60,9 +60,10 @@ class Cameras:
 
 def picture_loss(size: int, pixel: np.ndarray, target: np.ndarray, shown: np.ndarray,
                  threads: int) -> tuple[float, float, np.ndarray]:
-    """Return (loss, mean squared error, slope of the loss by shown, float32 [M, 3]).
+    """Return (loss, mean squared error, gradient of the loss by shown, float32 [M, 3]) of a picture against its target.
 
-    pixel: int64 [M], the covered ones of a picture of `size` a side, row * size + column; target, shown: float32 [M, 3], 0..255.
+    pixel: int64 [M], the covered pixels of a picture of `size` a side, row * size + column; target, shown: float32 [M, 3], their
+    colours in 0..255.
     """
     rows, columns = pixel // size, pixel % size
     top, left = rows.min(), columns.min()
@@ -79,12 +80,12 @@ def picture_loss(size: int, pixel: np.ndarray, target: np.ndarray, shown: np.nda
 
 def keep_best(iterate: Callable[[int], float], judge: Callable[[], list[tuple[float, float]]], values: Sequence[np.ndarray],
               iterations: int, begin: float) -> tuple[list[dict], int]:
-    """Iterate while held-out views gain, and leave the best state in values.
+    """Run the iterations of a refinement while held-out views gain, and leave the best state in values.
 
-    iterate(n): does iteration n, from 1, and returns its loss; judge(): (loss, mean squared error) of each held-out view;
-    values: arrays that iterate changes; begin: start of the refinement, by time.perf_counter. Returns (log: {"iteration",
-    "seconds", "loss", "held_out_loss", "held_out_psnr"} of each check, index of the row that was kept). Nothing changes if no
-    view shows anything. Figures that are not finite are None in the log, and never the best.
+    iterate(n): does iteration n, from 1, and returns its loss; judge(): returns (loss, mean squared error) of each held-out
+    view; values: arrays that iterate changes; iterations: at most; begin: start of the refinement, by time.perf_counter. Returns
+    (log: {"iteration", "seconds", "loss", "held_out_loss", "held_out_psnr"} of each check, index of the row that was kept).
+    Nothing changes if no view shows anything. Figures that are not finite are None in the log, and never the best.
     """
 
     def check(n, loss):

@@ -31,10 +31,10 @@ MOST_VOXELS = 10_000_000  # "auto" leaves larger fields alone: a fit takes about
 
 def refine_fields(source: Source, fields: list[SourceField], price: Lagrangian, wanted: FillRequest,
                   cache: Cache, step: Step = no_step) -> Decision[list[SourceField]]:
-    """Return the SourceFields with their colours refined as wanted.
+    """Return the Decision on SourceFields whose colours are fitted to the source's surface, as wanted.refine requests.
 
-    source: codecs.base.Source; fields: by number; cache: of fitted fields; step: of Report.stage(). Each field keeps its
-    transferred colours if the refined ones are not closer to the source at points that the fit has not seen.
+    source: codecs.base.Source; fields: over voxels, by number; cache: of fitted fields; step: of Report.stage(). Each field
+    keeps its transferred colours if the refined ones are not closer to the source at points that the fit has not seen.
     """
     reason = _reason_against(fields, price, wanted.refine)
     evidence: dict[str, Any] = {"asked": wanted.refine, "kind": "off", "reason": reason or "requested"}

@@ -29,7 +29,8 @@ LEAST_LENGTH = 1e-3  # of a sum of normals that has a direction
 
 
 def rotate_xy(values: np.ndarray, rotation: np.ndarray | None) -> np.ndarray:
-    """Return x and y of tangent-space normals, float32 [N, 2] in 0..255, in another frame. rotation: of frame_rotation()."""
+    """Return x and y of tangent-space normals after a rotation of their frame, float32 [N, 2] in 0..255. values: the same
+    before; rotation: of frame_rotation(), None leaves them unchanged."""
     return values if rotation is None else ((values / FLAT - 1) @ rotation.T.astype(np.float32) + 1) * np.float32(FLAT)
 
 
@@ -74,32 +75,35 @@ class Frames:
         return self._rebuilt()
 
     def deviations(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
-        """Return the deviations by a normal map of the surface's normals from the decoder's, float32 [M, 3] in 0..255, FLAT being
-        0. name: of the channel; face: int64 [M] of the surface, of materials with the map; bary: float64 [M, 3]."""
+        """Return the differences between the source's normals with a normal map and the normals that a decoder derives, float32
+        [M, 3] in 0..255, FLAT being 0. name: channel of the map; face: int64 [M] of the surface, of materials with the map;
+        bary: float64 [M, 3], barycentric coordinates of the points."""
         bent, flat = self.bent(name, face, bary, threads), interpolate_corners(self.rebuilt, face, bary)
         flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
         return np.clip((bent - flat + 1) * FLAT, 0, 255).astype(np.float32)
 
     def bent(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> np.ndarray:
-        """Return the source's shading normals with a normal map, float32 [M, 3] of length 1; arguments as in deviations()."""
+        """Return the source's shading normals at points after its normal map has bent them, float32 [M, 3] of length 1;
+        arguments as in deviations()."""
         texel, scale = self.texels(name, face, bary, threads)
         tangent = interpolate_corners(self.tangent(name), face, bary)
         normal, geometric = interpolate_corners(self.normal, face, bary), self.geometric[face]
         return tangent_space_normals(texel, scale, normal, tangent, geometric)
 
     def texels(self, name: str, face: np.ndarray, bary: np.ndarray, threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
-        """Return (x and y of a normal map, float32 [M, 2] in 0..255, and its scale, float32 [M]); arguments as in
+        """Return (x and y of a normal map at points, float32 [M, 2] in 0..255, and its scale, float32 [M]); arguments as in
         deviations()."""
         packed = self._sources.get(name, lambda: pack_map(self.scene, name, self.surface.origin_face))
         return values_of_map(name, sample_source(packed, face, bary, threads)), self.scale(name, face)
 
     def scale(self, name: str, face: np.ndarray) -> np.ndarray:
-        """Return the scale of a normal map on faces int64 [M], float32 [M]."""
+        """Return the scale (glTF normalTexture.scale) of the normal map of a channel `name` on faces int64 [M], float32 [M]."""
         scale = np.array([factor_of(m.parameters, BY_NAME[name].parameter)[0] for m in self.scene.materials], np.float32)
         return scale[self.surface.material[face]]
 
     def tangent(self, name: str) -> np.ndarray:
-        """Return tangents of the corners, float32 [F, 3, 4]: the source's, whichever UVs a map has, or derived from those UVs."""
+        """Return tangents of the corners for a normal map, float32 [F, 3, 4]: the file's TANGENTs, whichever UVs the map has, or
+        else derived from its UVs. name: channel of the map."""
         rows, uv = self.surface.origin_face, self.scene.map_uv.get(name, self.scene.corner_uv)
         key = id(uv)
         if key not in self._tangents:
@@ -114,10 +118,10 @@ class Frames:
 
 
 def with_folded_normals(scene: Scene, surface: SentSurface, flat: SentFaces) -> Scene:
-    """Return the scene with new shading normals on flat faces: those of its normal map in the frame of the file's TANGENTs. UVs
-    without area give a decoder no frame, so the map has no effect there (spec 8.5.2).
+    """Return the scene with new shading normals on faces whose UVs have no area: the normals that their normal map gives in the
+    frame of the file's TANGENTs. Such UVs give a decoder no frame, so the map has no effect there (spec 8.5.2).
 
-    flat: faces whose UVs have no area.
+    flat: the faces whose UVs have no area.
     """
     if scene.corner_tangent is None or scene.corner_normal is None:
         return scene

@@ -51,13 +51,15 @@ class SourceField:
         return self.support.keys
 
     def with_planes(self, planes: dict, shifts: dict | None = None) -> SourceField:
-        """Return the field with planes that replace or join those it has; shifts: by channel name, of these planes."""
+        """Return the field with further planes, float32 [N, C] by channel name, which replace those of the same channel. shifts:
+        by channel name, levels by which new planes are coarser than the support, if they differ from the field's."""
         return replace(self, planes={**self.planes, **planes}, shifts={**self.shifts, **(shifts or {})})
 
 
 class FieldKey(NamedTuple):
-    """Everything beside the scene that values of a field over voxels depend on, at any QP. faces: digest of the sent surface and
-    its fields; keys: digest of the voxels; resolution: K of all fields, by which textures were filtered."""
+    """Everything beside the scene that values of a field over voxels depend on, at any QP. step: name of the step that computes
+    them; number: of the field; faces: digest of the sent surface and its fields; keys: digest of the voxels; resolution: K of
+    all fields, by which textures were filtered."""
 
     step: str
     number: int
@@ -67,20 +69,23 @@ class FieldKey(NamedTuple):
 
 
 def field_keys(step: str, source: Source, fields: list[SourceField], resolution: int) -> list[FieldKey]:
-    """Return the keys of a step's results for fields over voxels. resolution: K of all fields."""
+    """Return cache keys, by field over voxels, of the results of a step of filling them. step: its name; resolution: K of
+    all."""
     faces = sha256(source.surface.digest + source.face_field.tobytes()).digest()
     return [FieldKey(step, number, faces, sha256(np.ascontiguousarray(part.keys).data).digest(), resolution)
             for number, part in enumerate(fields)]
 
 
 def colour_planes(rgba: np.ndarray, source: Source) -> dict:
-    """Return planes of base colour and, if it is coded, alpha, by channel name, of values float32 [N, 4]."""
+    """Split sampled colours into the planes of base colour and, if it is coded, alpha; return them by channel name. rgba:
+    float32 [N, 4]."""
     coded = [channel for channel in source.channels if channel in COLOURS]
     return {channel.name: np.ascontiguousarray(rgba[:, list(channel.columns)]) for channel in coded}
 
 
 def active_voxels(lattice: np.ndarray, faces: np.ndarray, position_bits: int, price: Lagrangian) -> SourceField:
-    """Voxelise the decoded surface of one field at the K of price. Raises LimitError."""
+    """Voxelise the decoded surface of a field at the K of price, and return the SourceField of its active voxels, without
+    values. lattice: int64 [V, 3]; faces: int64 [F, 3]. Raises LimitError."""
     total, limits = count_samples(lattice, faces, position_bits, price.resolution), price.limits
     if limits.samples is not None and total > limits.samples:
         raise LimitError("TXF-L05", "the surface needs more samples than the limit allows", value=total, allowed=limits.samples)
@@ -97,13 +102,14 @@ def check_voxels(fields: list[SourceField], limits: Limits) -> None:
 
 
 def transfer_density(per_edge: float, price: Lagrangian) -> int:
-    """Return samples per voxel edge of a transfer. per_edge: texels along it."""
+    """Return the number of samples that a transfer takes along the edge of a voxel. per_edge: number of texels there."""
     most = FITTED_DENSITY if price.is_fitted else TRANSFER_DENSITY[price.effort]
     return int(np.clip(np.ceil(2 * per_edge), SAMPLES_PER_EDGE, most))
 
 
 def transferred(part: SourceField, source: Source, number: int, price: Lagrangian) -> SourceField:
-    """Return a SourceField, field `number` of a codecs.base.Source, with base colour and alpha from the scene's textures."""
+    """Return a copy of a SourceField, number `number` of source, with colour and alpha transferred from the textures to its
+    voxels."""
     surface, in_field = source.surface, source.face_field == number
     assert isinstance(part.support, VoxelSupport)
     bits, packed = surface.cube.position_bits, pack_source(source.scene, surface.origin_face[in_field])
@@ -115,5 +121,5 @@ def transferred(part: SourceField, source: Source, number: int, price: Lagrangia
 
 
 def uniform_field(part: SourceField, source: Source, colour: np.ndarray) -> SourceField:
-    """Return a SourceField with a single colour, RGBA float32 [4], without sampling anything."""
+    """Return a copy of a SourceField whose values are all a single colour, RGBA float32 [4]; nothing is sampled."""
     return replace(part, is_uniform=True).with_planes(colour_planes(np.tile(colour, (len(part.support), 1)), source))

@@ -28,7 +28,8 @@ class FillRequest:
 
 
 def fill(placed: Placed, request: FillRequest, fields: Cache, report: Report) -> Filled:
-    """Return the Filled of a placed mesh. fields: cache of transferred and fitted values. Raises InputError, LimitError."""
+    """Run the sixth stage: return the Filled of a placed mesh, with values from the source in all fields. fields: cache of
+    transferred and fitted values. Raises InputError, LimitError."""
     shaded = placed.shaded
     meshed, prepared = shaded.meshed, shaded.meshed.prepared
     price = meshed.price

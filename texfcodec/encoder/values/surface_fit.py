@@ -59,7 +59,7 @@ class FieldSurface:
         return bool(relative_areas(self.lattice, self.faces).any())
 
     def sample(self, count: int, seed: int, threads: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return `count` points spread evenly by area: (float64 [count, 3] grid coordinates, float32 [count, 4] source RGBA
+        """Return `count` points, evenly by area: (grid coordinates float64 [count, 3], source RGBA float32 [count, 4] in
         0..255)."""
         face, bary = sample_surface(self.lattice, self.faces, count, seed)
         points = np.einsum("nc,ncd->nd", bary, self.lattice[self.faces[face]])
@@ -67,7 +67,8 @@ class FieldSurface:
         return points, sample_source(self.source, face, bary, threads)
 
     def error(self, colour: np.ndarray, points: np.ndarray, rgba: np.ndarray, threads: int) -> dict[str, float]:
-        """Return the mean squared error of the field with these voxel colours, float32 [N, 3], at points: colour_mse()'s dict."""
+        """Return the mean squared errors of the field with the given voxel colours, float32 [N, 3], against the source at
+        points: a dict as of ColourError.mse(). points, rgba: of sample()."""
         colour = np.ascontiguousarray(colour, np.float32)
         got, _ = query_field(points, self.resolution, self.keys, self.brick_map, colour, threads)
         error = ColourError()
@@ -190,7 +191,7 @@ class _Matrix(NamedTuple):
     gram: np.ndarray
 
     def times(self, x: np.ndarray) -> np.ndarray:
-        """Return the product with x [N, C]: float32 [N, C]."""
+        """Return the product of the matrix with x, float32 [N, C]. x: [N, C], a row for each voxel."""
         x = np.ascontiguousarray(x, np.float32)
         out = np.zeros_like(x)
         _times(*self, x, out)

@@ -40,8 +40,7 @@ class CodedUnit:
 
 
 def has_few_colours(plane: np.ndarray) -> bool:
-    """Return whether the rows of values, float32 [N, C] in 0..255, have at most FEW_COLOURS different values once they are
-    rounded."""
+    """Return whether the rows of values, float32 [N, C] in 0..255, have at most FEW_COLOURS different colours after rounding."""
     quick = plane[:: max(1, len(plane) // QUICK_LOOK)]
     return all(_kinds(part) <= FEW_COLOURS for part in (quick, plane))
 
@@ -53,11 +52,12 @@ def _kinds(plane):
 
 def choose_qp(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder, worth: float,
           budget: float | None) -> Decision[CodedUnit]:
-    """Return the Decision on the unit that replaces the first, which has the coder's QP.
+    """Return the Decision on a coded attribute unit: the first, which has the coder's QP, or the same values coded exactly or
+    coarser.
 
-    code: function that codes the same values with another coder; worth: bytes that a squared error of the unit's values is worth;
-    budget: bytes of the image files behind it, None if these set no quality. The first stays if nothing is gained. The evidence
-    says why the QP is not the requested one.
+    code: function that codes the same values with another coder; worth: bytes that a squared error of the unit's values is
+    worth; budget: bytes of the image files behind the unit, None if these set no quality. The first stays if nothing is gained.
+    The evidence says why the QP is not the requested one.
     """
     if coder.qp is None or not first.bytes:
         return Decision(first, {})
@@ -87,8 +87,9 @@ def _within(first, code, coder, budget):
 
 
 def image_budgets(source: Source, fields: list[SourceField]) -> dict[tuple[int, int], float]:
-    """Return bytes of the lossy image files behind each unit, by (field, group). An image behind several units gives each a part,
-    by number of values. A unit with a lossless image or vertex colours behind it has no budget: they set no quality."""
+    """Return the bytes of the lossy image files whose texels each attribute unit holds, by (field, group). An image behind
+    several units gives each a part, by number of values. A unit with a lossless image or vertex colours behind it has no budget:
+    they set no quality."""
     sizes: dict[int, int | None] = {}
     behind: dict[int, dict[tuple[int, int], int]] = {}
     for number, part in enumerate(fields):

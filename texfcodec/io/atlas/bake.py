@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 @dataclass
 class Baked:
-    """A baked atlas. image: uint8 [H, W, 4] RGBA, sRGB-coded, straight alpha, row 0 at v = 0, every texel filled; system: the
-    AtlasSystem that fitted it; warnings: sentences."""
+    """An atlas with the baked colours. image: uint8 [H, W, 4] RGBA, sRGB-coded, straight alpha, row 0 at v = 0, every texel
+    filled; system: the AtlasSystem that fitted it; warnings: sentences."""
 
     atlas: Atlas
     image: np.ndarray
@@ -31,14 +31,14 @@ class Baked:
 
 
 def bake(texf: Texf, texture_size: int | None = None, atlas: str | Atlas = "auto", chosen: np.ndarray | None = None) -> Baked:
-    """Unwrap a decoded mesh and fit its fields into the atlas.
+    """Unwrap a decoded mesh and fit an image of its base colour and alpha to its fields.
 
     texf: decoded stream (Texf); texture_size: side in texels or None; atlas: "auto", "quality", "fast" or a ready Atlas of the
     same faces; chosen: int64 [n], numbers of the faces to bake, or None for all. Returns Baked, its atlas over the chosen faces.
     Raises InputError TXF-O10..O12 (see make_atlas). At 4096 x 4096 it needs about 700 MB.
 
-    The bilinear picture of the colours is closest to the field, see AtlasSystem. Texels that no look-up on the surface reaches
-    continue the neighbouring colours, so that mip levels stay clean.
+    Texels are chosen so that bilinear look-ups come closest to the fields (least squares, see AtlasSystem). Texels that no
+    look-up on the surface reaches continue the neighbouring colours, so that mip levels stay clean.
     """
     chosen = np.arange(len(texf.faces)) if chosen is None else np.asarray(chosen, np.int64)
     if isinstance(atlas, Atlas):

@@ -18,7 +18,7 @@ _TRIALS = 8  # densities tried; each packs everything once
 
 
 def upright(flat: np.ndarray, chart: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Turn each chart so that its box is smallest and upright, with a corner at the origin.
+    """Turn each chart so that its bounding box is smallest and upright, and move its corner to the origin.
 
     flat: float64 [F, 3, 2]; chart: int64 [F] in 0..count-1. Returns (flat float64 [F, 3, 2], extent float64 [count, 2]).
     """
@@ -40,10 +40,12 @@ def upright(flat: np.ndarray, chart: np.ndarray, count: int) -> tuple[np.ndarray
 
 def pack_charts(flat: np.ndarray, chart: np.ndarray, extent: np.ndarray, side: int,
                 padding: int) -> tuple[np.ndarray | None, float]:
-    """Place upright charts in a side x side square at the largest common scale that fits (charts wider than it shrink alone).
+    """Place upright charts in a square at the largest common scale that fits. Only a chart that would be larger than the square
+    at that scale is shrunk further.
 
-    flat, chart, extent: as upright() returns them; side, padding: texels. Returns (flat float64 [F, 3, 2] in texels of the
-    square, scale), or (None, 0.0) when the padding alone leaves no room.
+    flat, chart: of upright(); extent: size of each chart's box, as upright() returns it; side: of the square in texels; padding:
+    texels around each chart. Returns (flat float64 [F, 3, 2] in texels of the square, the scale), or (None, 0.0) when the padding
+    alone leaves no room.
     """
     count = len(extent)
     faces = np.argsort(chart, kind="stable")
@@ -73,7 +75,7 @@ def pack_charts(flat: np.ndarray, chart: np.ndarray, extent: np.ndarray, side: i
 
 
 def flat_areas(flat: np.ndarray) -> np.ndarray:
-    """Areas float64 [F] of flat faces [F, 3, 2], in the square of their unit."""
+    """Return the areas float64 [F] of faces in the plane. flat: [F, 3, 2], their corners, in any unit."""
     a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     return np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * 0.5
 

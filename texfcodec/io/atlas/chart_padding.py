@@ -19,10 +19,10 @@ LEVEL = 0.7  # least cosine between the faces on both sides
 
 
 def continue_over_borders(image: np.ndarray, system: AtlasSystem) -> np.ndarray:
-    """Fill uncovered texels within REACH of a border with the values beyond it, in place; sharp edges are skipped.
+    """Fill uncovered texels within REACH of a chart's border with the values of the chart across that border, in place.
 
-    image: uint8 [H, W, C], with its covered texels baked. Returns whether each texel was filled, bool [H, W].
-    """
+    image: uint8 [H, W, C], with its covered texels baked. Borders on sharp edges of the surface are skipped. Returns whether each
+    texel was filled, bool [H, W]."""
     half, ends = system.borders
     level = (system.normals[half[0] // 3] * system.normals[half[1] // 3]).sum(axis=1) > LEVEL
     half, ends = half[:, level], np.ascontiguousarray(ends[:, level])

@@ -8,7 +8,7 @@ from ...core.kernel import kernel
 def fill_uncovered(image: np.ndarray, known: np.ndarray) -> None:
     """Fill unknown texels from the known texels around them, in place, by push-pull; mip levels then have no gaps.
 
-    image: uint8 [H, W, C]; known: bool [H, W]. Without any known texel the image stays as it is.
+    image: uint8 [H, W, C]; known: bool [H, W], texels that have a value. Without any known texel the image stays as it is.
     """
     if known.all() or not known.any():
         return

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 
 class AtlasMaps:
-    """Images of maps for an atlas. texf: decoded stream (Texf); faces: int64 [n], those of the atlas; baked: their Baked; normal:
-    float32 [n, 3, 3], shading normals of their corners, or None if no packed image has a normal map."""
+    """Makes the images of an atlas beside base colour: maps such as normals or roughness. texf: decoded stream (Texf); faces:
+    int64 [n], those of the atlas; baked: their Baked; normal: float32 [n, 3, 3], shading normals of their corners, or None if no
+    packed image has a normal map."""
 
     def __init__(self, texf: Texf, faces: np.ndarray, baked: Baked, normal: np.ndarray | None) -> None:
         self.texf, self.faces, self.system, self.atlas, self.normal = texf, faces, baked.system, baked.atlas, normal
@@ -32,7 +33,8 @@ class AtlasMaps:
             self._tangent = corner_tangents(texf.positions, texf.faces[faces], baked.atlas.corner_uv, normal)
 
     def image(self, packed: tuple[str, ...]) -> np.ndarray:
-        """The packed image of channels: uint8 [H, W, 3], or [H, W, 4] if a channel is in alpha."""
+        """Return the atlas image of the channels that share it, uint8 [H, W, 3], or [H, W, 4] if one is in alpha. packed: an
+        entry of packed_images_of()."""
         values = {}
         for name in packed:
             channel = channel_over(name, planar=True)

@@ -18,17 +18,18 @@ if TYPE_CHECKING:
 
 
 def packed_images_of(names: Iterable[str]) -> list[tuple[str, ...]]:
-    """Channels of each packed image, other than base colour, that has any of `names`, which are channel names of materials."""
+    """Return the channels that share an image, a tuple for each image that any of `names` needs, beside that of base colour.
+    names: channel names of materials; a tuple holds those of them alone, in glTF's order."""
     wanted = set(names)
     return [tuple(name for name in packed if name in wanted) for packed in PACKED_IMAGES[1:] if wanted & set(packed)]
 
 
 def packed_texel_image(texf: Texf, number: int, packed: tuple[str, ...], texels: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """The packed image of a field over texels: uint8 [H, W, 3], or [H, W, 4] if a channel is in alpha.
+    """Return the image that channels of a field over texels share, uint8 [H, W, 3], or [H, W, 4] if a channel is in alpha.
 
-    number: of the field; texels: centres of the columns and rows of the base colour's image, in texels of the full image, float64
-    [W] and [H]. If every channel is coarser by a power of two, so is the image. Texels that no face refers to continue the values
-    beside them.
+    number: of the field; packed: names of the channels, an entry of packed_images_of(); texels: centres of the columns and rows
+    of the base colour's image, in texels of the full image, float64 [W] and [H]. If every channel is coarser by a power of two,
+    so is the image. Texels that no face refers to continue the values beside them.
     """
     part = texf.fields[number]
     columns, rows = _thinned(part, packed, *texels)
@@ -58,8 +59,8 @@ def _thinned(part, packed, columns, rows):
 
 
 def packed_texels(values: dict[str, np.ndarray]) -> np.ndarray:
-    """Texels uint8 [N, 4] of a packed image. values: float32 [N, C] in 0..255 by channel name of materials; normals are in
-    tangent space."""
+    """Return texels of an image that channels share, uint8 [N, 4], each channel in its columns and 255 elsewhere. values: float32
+    [N, C] in 0..255 by channel name of materials; normals are in tangent space."""
     count = len(next(iter(values.values())))
     out = np.full((count, 4), 255, np.float32)
     for name, value in values.items():
@@ -71,7 +72,8 @@ def packed_texels(values: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def with_z(xy: np.ndarray) -> np.ndarray:
-    """Texels float32 [N, 3] of a tangent-space normal map from its x and y, float32 [N, 2] in 0..255; z by clause 8.5."""
+    """Return RGB texels of a tangent-space normal map, float32 [N, 3]. xy: its red and green, float32 [N, 2] in 0..255; blue, the
+    z of a unit normal, follows by clause 8.5."""
     flat = xy / np.float32(FLAT) - 1
     length = np.sqrt(np.maximum((flat**2).sum(axis=1, keepdims=True), 1))
     flat = flat / length

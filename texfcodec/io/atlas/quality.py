@@ -38,7 +38,7 @@ class QualityFailed(Exception):
 
 
 def chart_surface(points: np.ndarray, faces: np.ndarray, seconds: float, threads: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Flatten a surface with xatlas.
+    """Cut a surface into charts and flatten them with xatlas; charts are not packed yet.
 
     points: float64 [V, 3] in the unit cube; faces: int64 [F, 3]; seconds: time limit; threads: processes at a time, on which
     the result does not depend.
@@ -157,7 +157,7 @@ def _collapsed_share(flat, areas):
 
 
 def run_xatlas(meshes: list, side: int, seconds: float) -> list:
-    """Run xatlas on meshes in turn, in a single child process.
+    """Cut meshes into charts, and pack those of each mesh, with xatlas, in turn and in a single child process.
 
     meshes: [(points float64 [V, 3] in the unit cube, faces int64 [F, 3])]; side: of the square that the packing aims at, in
     texels, or 0 for a canvas as small as CANVAS; seconds: time limit.

@@ -15,13 +15,13 @@ _LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 
 def measure_seams(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, textures: Sequence[Texture],
                   face_image: np.ndarray) -> dict[str, Any]:
-    """Jumps across chart borders: edges of the surface that two faces share and that are at two places of the images.
+    """Measure how much colours jump across chart borders: edges that two faces share and that are at two places of the images.
 
     positions: any [V, 3], equal for vertices at the same point of the surface; faces: int64 [F, 3]; corner_uv: float64 [F, 3, 2];
-    textures: sRGB-coded, uint8 [H, W, 3 or 4]; face_image: int64 [F] into textures. Points are evenly spaced along the borders,
-    a texel of level 0 apart, but at most POINTS. Levels are made as in viewers: halved by a box filter and looked up in linear
-    light. A jump is the largest difference of R, G and B, in steps of 8-bit sRGB values.
-    Returns {"border_edges": int, "points": int, "mean": [float at every level], "largest": [float ...]}.
+    textures: images sRGB-coded, uint8 [H, W, 3 or 4]; face_image: int64 [F], index of each face's texture. Points are evenly
+    spaced along the borders, a texel of level 0 apart, but at most POINTS. Levels are made as in viewers: halved by a box filter
+    and looked up in linear light. A jump is the largest difference of R, G and B, in steps of 8-bit sRGB values.
+    Returns {"border_edges": int, "points": int, "mean", "largest": jumps, a float for every mip level}.
     """
     sizes = np.array([texture.image.shape[1::-1] for texture in textures], np.int64).reshape(-1, 2)
     half, ends = border_edges(positions, np.asarray(faces, np.int64), np.asarray(corner_uv, np.float64), face_image)
@@ -35,16 +35,17 @@ def measure_seams(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarra
 
 def border_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray,
                  face_image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of the surface that are at two places of the images: (half-edges of both sides, int64 [2, n], number 3 f + i from
-    corner i of face f to the next; their UVs, float64 [2, n, 2, 2], the same vertex first on both sides). If more than two faces
-    share an edge, each is paired with the next."""
+    """Return the edges that two faces share and that are at two places of the images: (half-edges of both sides, int64 [2, n],
+    number 3 f + i from corner i of face f to the next; their UVs, float64 [2, n, 2, 2], the same vertex first on both sides). If
+    more than two faces share an edge, each is paired with the next."""
     half, ends = _shared_edges(positions, faces, corner_uv)
     apart = _apart(ends) | (face_image[half[0] // 3] != face_image[half[1] // 3])
     return half[:, apart], ends[:, apart]
 
 
 def inner_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray) -> np.ndarray:
-    """Pairs of half-edges int64 [2, n], as of border_edges(), that are at the same place of the image, so inside its charts."""
+    """Return the edges inside the charts, at which two faces meet in the image too: pairs of half-edges int64 [2, n], numbered as
+    by border_edges(). Arguments are as there; all faces are in one image."""
     half, ends = _shared_edges(positions, faces, corner_uv)
     return half[:, ~_apart(ends)]
 

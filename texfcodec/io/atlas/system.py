@@ -71,7 +71,8 @@ class AtlasSystem:
         return components(len(faces), half[0], half[1])
 
     def at_centres(self, sample: FieldFunction, channels: int) -> np.ndarray:
-        """Values of the field at the centre of every covered texel, row by row: float32 [n, channels]."""
+        """Return the field's values at the centre of every covered texel, row by row: float32 [n, channels]. sample: the field;
+        channels: number of its columns."""
         out, done = np.empty((int(self.covered.sum()), channels), np.float32), 0
         rows = max(BLOCK // self.owner.shape[1], 1)
         for top in range(0, self.owner.shape[0], rows):
@@ -82,9 +83,10 @@ class AtlasSystem:
         return out
 
     def fitted(self, sample: FieldFunction, channels: int, weighted: bool = False, threads: int = 1) -> np.ndarray:
-        """Values of every covered texel, row by row, whose bilinear picture is closest to the field: float32 [n, channels] in
-        0..255. weighted: whether the field has an additional column, the weight of a point, 0..1; a texel with weight 0 at its
-        centre starts from the weighted mean around it. The result does not depend on threads."""
+        """Return the least-squares values of the covered texels, row by row, float32 [n, channels] in 0..255: those whose
+        bilinear interpolation comes closest to the field. sample: the field; channels: number of its columns; weighted: whether
+        the field has an additional column, the weight of a point, 0..1; a texel with weight 0 at its centre starts from the
+        weighted mean around it. The result does not depend on threads."""
         values = np.clip(np.nan_to_num(self.at_centres(sample, channels + weighted)), 0.0, 255.0)
         matrix, right = self._equations(sample, channels, weighted, threads)
         if weighted:
@@ -157,7 +159,7 @@ class AtlasSystem:
 
 
 def cover(texels: np.ndarray, width: int, height: int) -> np.ndarray:
-    """The face that each texel shows, int32 [height, width]; -1 if no face comes within a texel of it.
+    """Return the face that each texel of an image shows, int32 [height, width]; -1 if no face comes within a texel of it.
 
     texels: float64 [F, 3, 2] corners in texels. A texel shows the face that contains its centre, else the nearest face.
     """

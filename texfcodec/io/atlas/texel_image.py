@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 
 def texel_support(part: Field, name: str = BASE_COLOUR.name) -> TexelSupport:
-    """The support of a channel's plane in a field over texels."""
+    """Return where a channel has values in a field over texels: the support of its plane. name: of the channel."""
     support = part.support_of(name)
     assert isinstance(support, TexelSupport), "the field is over voxels"
     return support
 
 
 def texel_image(texf: Texf, number: int) -> np.ndarray:
-    """The texels at hand of field `number`, which is over texels: uint8 [H, W, 3], or [H, W, 4] if its alpha is not always 255.
+    """Return the decoded image of field `number`, which is over texels: uint8 [H, W, 3], or [H, W, 4] if any alpha is below 255.
 
     texf: decoded stream (Texf). Colours are sRGB-coded, alpha is straight, row 0 is at v = 0. Texels that no face refers to
     continue the colours beside them, in the blocks that mip levels average. Blocks end at the border of the image, so that this
@@ -38,10 +38,11 @@ def texel_image(texf: Texf, number: int) -> np.ndarray:
 
 
 def texel_image_and_uv(texf: Texf, number: int) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """(image as of texel_image(); UVs of the field's faces in it, float64 [F, 3, 2], v downwards (glTF); (centres of its columns
-    float64 [W], of its rows float64 [H]), in texels of the full image).
+    """Return the image of field `number`, with the UVs for it: (image as of texel_image(); UVs of the field's faces in it,
+    float64 [F, 3, 2], v downwards (glTF); (centres of its columns float64 [W], of its rows float64 [H]), in texels of the full
+    image).
 
-    If levels were left out that do not divide the full image evenly, the last texels at hand extend beyond its border. If every
+    If levels were left out that do not divide the full image evenly, the last decoded texels extend beyond its border. If every
     face is within a tile of the image, UVs are scaled to leave that excess out. Otherwise the image is written at the nearest
     finer level that ends with the full image, and the UVs stay.
     """

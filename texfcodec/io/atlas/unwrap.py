@@ -19,7 +19,8 @@ _FILL = 0.55  # share of the atlas that charts usually cover, both methods
 
 @dataclass
 class Atlas:
-    """corner_uv: float64 [F, 3, 2] in [0, 1], v downwards (glTF); width, height: texels; method: "quality" or "fast".
+    """Places of faces in a square image. corner_uv: float64 [F, 3, 2] in [0, 1], v downwards (glTF); width, height: texels;
+    method: "quality" or "fast".
 
     utilisation: share of the image covered by faces, 0..1; warnings: one sentence each.
     """
@@ -66,7 +67,8 @@ def check_arguments(texture_size: int | None, method: str) -> None:
 
 
 def default_size(points: np.ndarray, faces: np.ndarray, resolution: int) -> int:
-    """Side in texels: the power of two in 256..4096 with about one texel per voxel edge (0.8 or more, unless capped).
+    """Return the side of an atlas in texels: the power of two in 256..4096 with about one texel per voxel edge (0.8 or more,
+    unless capped).
 
     points: float64 [V, 3] scaled so that the longest side of their box is 1; resolution: voxels along that side.
     """

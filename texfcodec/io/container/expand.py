@@ -126,12 +126,16 @@ class _Expansion:
         return SavedMaterials(skins, rows, face_row)
 
     def _mapped(self, number, material):
-        """Return the channels of a material that have both a slot in the file and values in the stream."""
+        """Return the channels of a material that have both a slot without an image in the file and values in the stream."""
         if number is None:
             return ()
         entry = self.document.entry("materials", number)
-        return tuple(channel.name for channel in (BASE_COLOUR, *MAPS)
-                     if slot_of(entry, channel) and (channel is BASE_COLOUR or channel.name in material.maps))
+        return tuple(channel.name for channel in (BASE_COLOUR, *MAPS) if self._is_held(slot_of(entry, channel))
+                     and (channel is BASE_COLOUR or channel.name in material.maps))
+
+    def _is_held(self, info):
+        """Return whether a textureInfo refers to a texture without an image, which a stream gives."""
+        return bool(info) and self.document.entry("textures", info.get("index")).keys().isdisjoint(("source", "extensions"))
 
     def _write_images(self, mesh: Textured, texture_format):
         """Add the images of the stream, and name them in the materials."""
@@ -170,7 +174,7 @@ class _Expansion:
         if columns["NORMAL"].any() or needs_normals:
             normal = columns["NORMAL"] if columns["NORMAL"].any() else texf.shading_normals()[rows].reshape(-1, 3)
             values["NORMAL"] = _unit(normal @ np.linalg.inv(linear)).astype(np.float32)
-            if "TANGENT" in columns and columns["TANGENT"].any():
+            if "TANGENT" in entry["attributes"] and "TANGENT" in columns and columns["TANGENT"].any():
                 tangent = columns["TANGENT"].astype(np.float64)
                 turned = _unit(tangent[:, :3] @ linear.T)
                 values["TANGENT"] = np.column_stack([turned, tangent[:, 3] * (-1 if mirrored else 1)]).astype(np.float32)

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from .writer import Document as Written
 
 def read_carried(document: Document) -> bytes | None:
-    """The bytes of the stream that the default scene carries, or None. Raises InputError TXF-I09 to I11 if the extension refers
-    to no valid bytes."""
+    """Return the .texf stream that a glTF file carries in an extension of its default scene, or None. Raises InputError TXF-I09
+    to I11 if the extension refers to no valid bytes."""
     scenes, chosen = document.entries("scenes"), integer(document.root, "scene", 0, low=0)
     if chosen >= len(scenes) or EXTENSION not in extensions(scenes[chosen]):
         return None
@@ -29,14 +29,14 @@ def read_carried(document: Document) -> bytes | None:
 
 
 def write_carried(document: Written, stream: bytes) -> None:
-    """Append the bytes of a stream, unchanged, to a document, as the extension of its scene."""
+    """Append a .texf stream, byte for byte, to a document under construction, as an extension of its scene."""
     document.json["scenes"][0]["extensions"] = {EXTENSION: {"bufferView": document.add_view(stream)}}
     document.use_extension(EXTENSION)
 
 
 def stream_within(data: bytes) -> bytes:
-    """The stream that a GLB carries; other bytes are returned unchanged, for the stream reader to check. Raises InputError
-    TXF-I26 if a GLB carries no stream, and TXF-I07 to I11 or SupportError TXF-I33 if it is broken."""
+    """Return the .texf stream in the bytes of a file: the stream that a GLB carries, or the bytes themselves if they are no GLB.
+    Raises InputError TXF-I26 if a GLB carries no stream, and TXF-I07 to I11 or SupportError TXF-I33 if it is broken."""
     if data[:4] != GLB_MAGIC:
         return data
     stream = read_carried(open_document(data, Path(), Notes()))

@@ -48,6 +48,7 @@ class Document:
         return self._entries[kind]
 
     def entry(self, kind: str, index: Any) -> dict:
+        """Return entry `index` of a top-level array such as "nodes"; InputError TXF-I09 if there is none."""
         entries = self.entries(kind)
         if not is_index(index) or index >= len(entries):
             raise malformed(f"'{kind}' has no such entry", value=index, entries=len(entries))

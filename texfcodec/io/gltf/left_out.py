@@ -63,7 +63,8 @@ _SHARP_WHEN_SMALL = (9728, 9984, 9986)  # minFilter: NEAREST within a mip level
 
 
 def name_extension(notes: Notes, extension: str, where: str) -> None:
-    """Name an extension that is not carried: as dropped, or in a remark if it changes no picture. where: such as "node 'x'"."""
+    """Record in notes that a glTF extension is not carried into the stream: as dropped, or in a remark if it changes no picture.
+    where: its place in the message, such as "node 'x'"."""
     if extension.startswith(UNSEEN):
         notes.remark(f"extension {extension} of {where} is left out")
     else:
@@ -71,7 +72,7 @@ def name_extension(notes: Notes, extension: str, where: str) -> None:
 
 
 def name_left_out(document: Document) -> None:
-    """Name every property, extension and extra that TABLE does not list as carried or layout."""
+    """Record in document.notes every property, extension and extra that is not carried into the stream, by TABLE."""
     _walk(document.root, "file", document.notes)
 
 
@@ -114,7 +115,8 @@ def _the(kind):
 
 
 def name_variants(document: Document, extension: str) -> None:
-    """Name the material variants that a viewer could choose; the file's own materials are carried."""
+    """Record in document.notes that material variants are dropped; the file's own materials are carried. extension: the name
+    of the extension that lists them."""
     listed = extensions(document.root)[extension]
     variants = listed.get("variants") if isinstance(listed, dict) else None
     names = [name_of(entry) for entry in variants if isinstance(entry, dict)] if isinstance(variants, list) else []

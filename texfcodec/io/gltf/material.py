@@ -65,7 +65,7 @@ class MaterialFields:
 
 
 def read_material_fields(document: Document, index: int | None) -> MaterialFields:
-    """Material index (None: glTF's default material) -> MaterialFields."""
+    """Read the factor, maps and parameters of a glTF material. index: of the material, None for glTF's default."""
     if index is None:
         return MaterialFields(np.ones(4), {}, {})
     entry = document.entry("materials", index)
@@ -135,8 +135,8 @@ def _texture_coordinates(info):
 
 
 def read_material(document: Document, index: int | None, fields: MaterialFields, shelf: TextureShelf) -> Material:
-    """Material index with its MaterialFields -> Material. Its textures go to the shelf; messages name the properties
-    that are left out."""
+    """Return the Material of a glTF material. index, fields: of read_material_fields(); shelf: receives its textures; messages
+    name the properties that are left out."""
     if index is None:
         return Material("default")
     entry = document.entry("materials", index)
@@ -231,9 +231,8 @@ def _kept_keys():
 
 
 def write_material(material: Material, textures: dict[str, int], sets: dict[str, int] | None = None) -> dict:
-    """glTF dict of a material. textures: index of the glTF texture by channel name, base colour among them, for those that have
-    an image; sets: the number of its UVs by channel name, 0 for those that are not named; the material's factor and parameters
-    say the rest."""
+    """Return a material as glTF's JSON dict. textures: index of the glTF texture by channel name, base colour among them, for
+    channels that have an image; sets: number of the UV set (TEXCOORD_n) by channel name, 0 for channels that are not in it."""
     slots = {name: {"index": index} for name, index in textures.items()}
     for name in (sets or {}).keys() & slots.keys():
         slots[name]["texCoord"] = (sets or {})[name]
@@ -262,7 +261,7 @@ def write_material(material: Material, textures: dict[str, int], sets: dict[str,
 
 
 def extensions_of(entries: list[dict]) -> list[str]:
-    """Extensions that glTF materials use, in alphabetical order."""
+    """Return the names of the extensions that glTF materials use, in alphabetical order. entries: their JSON dicts."""
     return sorted({name for entry in entries for name in entry.get("extensions", {})})
 
 

@@ -20,9 +20,9 @@ _BLOCK_BYTES, _BLOCK_VERTICES = 8192, 256  # of an attribute block: as many vert
 
 
 def decode_view(packed: memoryview, entry: dict, view: dict, index: int) -> bytes:
-    """Bytes of a compressed bufferView -> count * byteStride plain bytes.
+    """Decompress a meshopt bufferView into count * byteStride plain bytes.
 
-    packed: memoryview; entry: the extension's object; view: the bufferView around it; index: its number, for messages.
+    packed: its compressed bytes; entry: the extension's object; view: the bufferView around it; index: its number, for messages.
     Errors: TXF-I09 malformed, TXF-I12 broken data, SupportError TXF-I30 the package is missing or the filter unknown,
     LimitError TXF-I41.
     """

@@ -43,20 +43,21 @@ def check_compression(name: str) -> None:
 
 
 def packing_of(name: str) -> Plain:
-    """The packing of a name in COMPRESSIONS."""
+    """Return the object that writes accessors in a compression. name: one of COMPRESSIONS."""
     return {"none": Plain, "draco": Draco, "meshopt": Meshopt}[name]()
 
 
 class Plain:
-    """Accessors without compression."""
+    """Writes meshes as accessors without compression."""
 
     def positions(self, texf: Texf, vertex: np.ndarray) -> tuple:
-        """(positions [N, 3], the node's translation or None, its scale or None). vertex: int64 [N] into texf.positions."""
+        """Return the positions of vertices as the file stores them, [N, 3], and the translation and scale of the node that brings
+        them to world space, None if there is none. vertex: int64 [N] into texf.positions."""
         return local_frame(texf, texf.positions[vertex])
 
     def primitive(self, document: Document, columns: dict[str, Column], corners: np.ndarray) -> dict:
-        """The glTF primitive, after adding accessors of its attributes and indices. columns: by attribute name; corners: int64
-        [3 F] into columns."""
+        """Add a primitive's attributes and indices to a document and return the primitive's JSON dict. columns: by attribute
+        name, a row for each vertex; corners: int64 [3 F], the vertex of each face corner."""
         columns = {name: smallest(name, column) for name, column in columns.items()}
         attributes = {name: document.add_accessor(c.values, c.kind, ARRAY, name == "POSITION", c.normalized)
                       for name, c in columns.items()}
@@ -71,12 +72,14 @@ class Draco(Plain):
         self._uv_bits = uv_bits
 
     def positions(self, texf: Texf, vertex: np.ndarray) -> tuple:
+        """Return positions and node as Plain does, and keep the stream's lattice, to which primitive() quantises them."""
         local, translation, scale = super().positions(texf, vertex)
         origin = texf.origin if translation is None else np.zeros(3)
         self._lattice = texf.position_bits, texf.side if scale is None else 1.0, origin
         return local, translation, scale
 
     def primitive(self, document: Document, columns: dict[str, Column], corners: np.ndarray) -> dict:
+        """Add a primitive as Draco data and return its JSON dict; uncompressed, with a warning, if Draco fails."""
         import DracoPy
 
         try:
@@ -129,6 +132,7 @@ class Meshopt(Plain):
     """meshopt data: vertices in order of use, positions as lattice coordinates, UVs in 16 bits, normals in 11 bits."""
 
     def positions(self, texf: Texf, vertex: np.ndarray) -> tuple:
+        """Return positions as lattice coordinates [N, 3], and translation and scale of the node that brings them to the world."""
         if not texf.side > 0:
             return super().positions(texf, vertex)
         step = float(texf.side) / ((1 << texf.position_bits) - 1)
@@ -136,6 +140,7 @@ class Meshopt(Plain):
         return lattice, [float(x) for x in texf.origin], step
 
     def primitive(self, document: Document, columns: dict[str, Column], corners: np.ndarray) -> dict:
+        """Add a primitive as meshopt data, its vertices sorted by use, and return its JSON dict."""
         package = _meshopt_package()
         order, corners = _by_use(package, corners, len(columns["POSITION"].values))
         attributes = {}
@@ -194,8 +199,8 @@ def _meshopt_package():
 
 
 def smallest(name: str, column: Column) -> Column:
-    """The column in the smallest type of glTF's core that holds its values exactly: 8 bits for colours that are multiples of 257,
-    16 bits for UVs that are multiples of 1 / 65535."""
+    """Return a column in the smallest type of glTF's core that holds its values exactly: 8 bits for colours that are multiples of
+    257, 16 bits for UVs that are multiples of 1 / 65535."""
     values = column.values
     if name == "COLOR_0" and values.dtype == np.uint16 and not (values % 257).any():
         return Column((values // 257).astype(np.uint8), column.kind, True)
@@ -207,5 +212,5 @@ def smallest(name: str, column: Column) -> Column:
 
 
 def index_type(count: int) -> type:
-    """Type of indices into `count` vertices; the index 65535 is reserved for restarts."""
+    """Return the type of indices into `count` vertices, uint16 or uint32; the index 65535 is reserved for restarts."""
     return np.uint16 if count <= 65535 else np.uint32

@@ -7,7 +7,7 @@ from ...errors import InputError
 
 
 def malformed(what: str, **details: object) -> InputError:
-    """The error for a JSON tree that does not follow the glTF schema."""
+    """Return the error for JSON that does not follow the glTF schema. what: the message; details: values beside it."""
     return InputError("TXF-I09", f"the glTF structure is malformed: {what}", **details)
 
 
@@ -17,7 +17,7 @@ def is_index(value: object) -> bool:
 
 
 def integer(entry: dict, key: str, default: int | None = None, low: int | None = None) -> int:
-    """entry[key] as int, at least low. Without default the key is required."""
+    """Return entry[key] as int, or default if it is absent; InputError if it is below low, or absent without a default."""
     value = entry.get(key, default)
     if not isinstance(value, int) or isinstance(value, bool) or (low is not None and value < low):
         raise malformed(f"'{key}' is not a usable integer", value=str(value)[:40], low=low)
@@ -25,7 +25,8 @@ def integer(entry: dict, key: str, default: int | None = None, low: int | None =
 
 
 def numbers(entry: dict, key: str, default: float | tuple[float, ...]) -> Any:
-    """entry[key] as a tuple of as many finite floats as default has, or as a float if default is a number."""
+    """Return entry[key], or default if it is absent, as a tuple of as many finite floats as default has, or as a float if default
+    is a number."""
     value = entry.get(key, default)
     single = not isinstance(default, (tuple, list))
     items = [value] if single else value
@@ -64,5 +65,5 @@ def name_of(entry: dict) -> str:
 
 
 def title(entry: dict, index: int) -> str:
-    """'name' of an entry, or its first 80 characters, or its number."""
+    """Return how messages call an entry: by its name in quotes, the first 80 characters of it, or by its number, index."""
     return f"'{name_of(entry)[:80]}'" if name_of(entry) else str(index)

@@ -33,9 +33,9 @@ class Rest:
         self._skins: dict[Any, np.ndarray] = {}
 
     def posed(self, parts: list[Part], skin: Any, name: str) -> list[Part] | None:
-        """The Parts of a mesh in world space, posed by the joints of a skin; None, with a fault, if that fails.
+        """Return the Parts of a mesh in world space, posed by the joints of a skin; None, with a fault, if that fails.
 
-        The transform of the mesh's node is ignored. name: of that node, for messages.
+        skin: index of the file's skin. The transform of the mesh's node is ignored. name: of that node, for messages.
         """
         try:
             matrices = self._matrices(skin)

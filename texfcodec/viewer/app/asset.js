@@ -1,6 +1,6 @@
 // What stands in the scene: the group that a loader gives, where it is, and what the panel says of it.
 
-import {Box3, Group, Sphere, Vector3} from 'three';
+import {AnimationMixer, Box3, Group, Sphere, Vector3} from 'three';
 import {CHANNEL_MAPS, disposeGroup} from 'texf/three';
 
 import {prepare} from './shown_layers.js';
@@ -8,7 +8,7 @@ import {prepare} from './shown_layers.js';
 const SAMPLED = 50000; // vertices by which a picture is framed
 
 export class Asset {
-  /** group: of TEXFLoader or GLTFLoader; facts: {name, bytes, kind: 'stream' or 'mesh', warnings}. */
+  /** group: of TEXFLoader or GLTFLoader; facts: {name, bytes, kind: 'stream' or 'mesh', clips: animations of a GLB, warnings}. */
   constructor(group, facts) {
     Object.assign(this, facts, {group, meshes: [], root: new Group()});
     const others = [];
@@ -21,6 +21,8 @@ export class Asset {
     this.points = pointsOf(this.meshes, group);
     this.sphere = sphereOf(this.points);
     this.root.add(group);
+    this.mixer = this.clips?.length ? new AnimationMixer(group) : null;
+    this.mixer?.clipAction(this.clips[0]).play();
   }
 
   /** Stands where the centre and radius of a sphere become 0 and 1. */

@@ -11,7 +11,7 @@ const OWN = 'button, input, summary, a, select, [role=slider]'; // which have a 
 const HELP = [
   ['Drag', 'turns'], ['Right drag, Shift + drag, two fingers', 'moves'], ['Wheel, pinch', 'zooms'],
   ['Double click, F', 'frames the asset again'], ['Arrows', 'turn; with Shift they move'], ['+ −', 'zoom'],
-  ['1 … 6', 'front, back, left, right, top, bottom'], ['O', 'orthographic or perspective'], ['L', 'light on or off'],
+  ['1 … 6', 'front, back, left, right, top, bottom'], ['O', 'orthographic or perspective'], ['L', 'light on or off'], ['M', 'plays or stops an animation'],
   ['C', 'copies the camera as a link'], ['Space', 'flips between first and second'], ['S', 'both, with a line between'],
   ['A', 'both, side by side'], ['D', 'their difference'], ['P', 'panel'], ['H, ?', 'this help'],
 ];
@@ -20,7 +20,7 @@ const HELP = [
 export function listenToKeys(viewer) {
   const {view} = viewer, closer = () => view.zoom(CLOSER);
   const actions = {
-    f: () => viewer.frame(), o: () => viewer.switchProjection(), l: () => viewer.switchLight(), c: () => viewer.copyCamera(),
+    f: () => viewer.frame(), o: () => viewer.switchProjection(), l: () => viewer.switchLight(), m: () => viewer.switchMotion(), c: () => viewer.copyCamera(),
     h: () => viewer.helper.showModal(), '?': () => viewer.helper.showModal(), p: () => viewer.panel.toggle(), ' ': () => viewer.switchMode('other'),
     s: () => viewer.switchMode('split'), a: () => viewer.switchMode('side'), d: () => viewer.switchMode('difference'),
     '+': closer, '=': closer, '-': () => view.zoom(1 / CLOSER),

@@ -8,6 +8,7 @@ import WORKER from 'texf/worker-text';
 import {Asset} from './asset.js';
 
 const SIGNATURE = [0x89, 0x54, 0x58, 0x46, 0x0d, 0x0a, 0x1a, 0x0a], GLB = [0x67, 0x6c, 0x54, 0x46];
+const EXTENSION = 'TEXF_stream'; // whose GLBs hold streams
 const ALONE = 'This page stands alone and reads .texf and .glb files; texf-view reads other meshes.';
 const beginsWith = (data, bytes) => bytes.every((byte, i) => new Uint8Array(data, 0, Math.min(8, data.byteLength))[i] === byte);
 
@@ -37,16 +38,22 @@ export class Source {
   /** The Asset of a stream or a GLB (ArrayBuffer). facts: {name, bytes, warnings}. */
   async load(data, facts) {
     if (!beginsWith(data, SIGNATURE)) return this.mesh(data, facts);
-    this.wasm ??= this.bytes('decoder', 'web/texf.wasm').then((wasm) => this.texf.setDecoderPath(wasm));
-    await this.wasm;
+    await this.ready();
     return new Asset(await this.texf.parseAsync(data), {...facts, kind: 'stream'});
   }
 
+  /** Fetches the decoder. */
+  ready() {
+    this.wasm ??= this.bytes('decoder', 'web/texf.wasm').then((wasm) => this.texf.setDecoderPath(wasm));
+    return this.wasm;
+  }
+
   async mesh(data, facts) {
+    if (jsonText(data).includes(EXTENSION)) await this.ready();
     const gltf = await this.gltf.parseAsync(data, ''), scene = gltf.scene ?? gltf.scenes[0];
     if (!scene) throw new Error('the file has no scene');
     const warnings = gltf.asset.extras?.texf?.warnings ?? []; // of a mesh that the server has read
-    return new Asset(scene, {...facts, kind: 'mesh', warnings: [...facts.warnings, ...warnings]});
+    return new Asset(scene, {...facts, kind: 'mesh', clips: gltf.animations, warnings: [...facts.warnings, ...warnings]});
   }
 
   /** The Asset of a file that someone drops. Throws an Error whose message says what is wrong. */
@@ -63,6 +70,11 @@ export class Source {
       throw new Error(`${file.name} is not shown. ${sentence(error)}`, {cause: error});
     }
   }
+}
+
+/** The JSON text of a GLB. */
+function jsonText(data) {
+  return data.byteLength < 20 ? '' : new TextDecoder().decode(data.slice(20, 20 + new DataView(data).getUint32(12, true)));
 }
 
 /** The GLB that the server makes of a mesh. */

@@ -14,7 +14,7 @@ const CAMERA = 'camera=';
 export class Viewer {
   constructor(canvas, source) {
     const {start} = source.about;
-    Object.assign(this, {canvas, source, about: source.about, isSettled: false, timer: 0, frameAsked: 0, density: 1, compared: null});
+    Object.assign(this, {canvas, source, about: source.about, isSettled: false, isMoving: false, timer: 0, frameAsked: 0, density: 1, compared: null});
     this.settings = {
       mode: start?.mode ?? 'single', layer: start?.layer ?? 'picture', lit: start?.shaded ?? true, without: new Set(), slider: 0.5, hottest: HOTTEST,
       background: start?.background ?? BACKGROUNDS.Grey,
@@ -64,6 +64,7 @@ export class Viewer {
     } catch (error) {
       say(`${asset.name} cannot be shown. ${error.message}`);
     }
+    if (asset.mixer && !asset.warnings.length) mention(`${asset.name} is animated: M plays it.`);
     document.title = [...this.assets.map(({name}) => name), 'texf-view'].join(' · ');
     this.canvas.setAttribute('aria-label', `Picture of ${this.assets.map(({name}) => name).join(' and ') || 'nothing'}. Arrows turn it, H lists all keys.`);
     this.panel.rebuild();
@@ -99,6 +100,23 @@ export class Viewer {
   switchLight() {
     if (this.assets.some(({isLit}) => isLit)) this.change({lit: !this.settings.lit});
     else mention('No material here is lit.');
+  }
+
+  /** Plays or stops the first animation of what is shown. */
+  switchMotion() {
+    if (!this.assets.some(({mixer}) => mixer)) return mention('Nothing here is animated.');
+    this.isMoving = !this.isMoving;
+    this.movedAt = performance.now();
+    return this.move();
+  }
+
+  move() {
+    if (!this.isMoving) return;
+    const now = performance.now();
+    for (const {mixer} of this.assets) mixer?.update((now - this.movedAt) / 1000);
+    this.movedAt = now;
+    this.touch();
+    requestAnimationFrame(() => this.move());
   }
 
   /** Where the line between two pictures is, a share of the width. */

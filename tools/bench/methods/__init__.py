@@ -26,7 +26,7 @@ METHODS = {}  # name: class
 
 
 class Method(ABC):
-    """One way of coding. options: names that a settings table may hold beside name, group and method."""
+    """One way of coding textured meshes. options: names that a settings table may hold besides name, group and method."""
 
     options = ()
 
@@ -35,33 +35,33 @@ class Method(ABC):
         return ""
 
     def missing(self, options):
-        """A sentence: what is not installed here that these options need, and how to get it; None where all is there."""
+        """Return a sentence on what these options need that is not installed, and how to get it; None if nothing is missing."""
         return None
 
     def warm_up(self, options, threads):
-        """Loads kernels and libraries, so that neither the seconds nor the memory of the job count them."""
+        """Load kernels and libraries for these options, so that neither the seconds nor the memory of the job include them."""
         return
 
     @abstractmethod
     def encode(self, scene, options, folder, threads, report):
-        """Codes a Scene into files of folder. options: dict, of the settings table; report: Report for stages and warnings.
+        """Code a Scene into files of folder. options: dict, of the settings table; report: Report for stages and warnings.
 
         Returns a JSON-ready dict with "bytes" {"total", "geometry", ...}, where all but geometry is texture-related (UVs too),
-        and "reconstruction_sha256", a hash of the values that the decoder must arrive at, None where the encoder has none. What
-        else it holds stands in the results as it is.
+        and "reconstruction_sha256", a hash of the values that the decoder must arrive at, None if the encoder has none. Its
+        other entries go into the results unchanged.
         """
 
     @abstractmethod
     def decode(self, folder, options, threads, report):
-        """Decodes what encode left in folder: a Texf or a Scene."""
+        """Decode the files that encode() left in folder and return a Texf or a Scene. options: those of encode()."""
 
     def values_sha256(self, decoded):
-        """Hash of what decode returned, to stand against reconstruction_sha256; None where there is none."""
+        """Return a hash of what decode() returned, to compare with reconstruction_sha256; None if there is none."""
         return None
 
 
 def method(name):
-    """Class decorator: registers a Method under a name."""
+    """Return a class decorator that registers a Method under a name."""
 
     def register(cls):
         METHODS[name] = cls
@@ -71,7 +71,7 @@ def method(name):
 
 
 def find(name, plugins=()):
-    """The Method of a name. plugins: paths of further files with methods. Raises LookupError with a sentence."""
+    """Return an instance of the Method with a name. plugins: paths of Python files with further methods. Raises LookupError."""
     for path in plugins:
         _import_file(Path(path))
     missing = []
@@ -87,7 +87,7 @@ def find(name, plugins=()):
 
 
 def versions_of(*packages):
-    """Names and versions of installed packages, for Method.version(); of one that is not installed the name alone."""
+    """Return names and versions of installed packages, for Method.version(); the name alone of one that is not installed."""
     versions = []
     for name in packages:
         try:
@@ -98,12 +98,12 @@ def versions_of(*packages):
 
 
 def source_hash(*files):
-    """16 digits over source files that a method takes from: its version() tells what its own file does not."""
+    """Return 16 hexadecimal digits of a hash of source files, for the version() of a method that uses code of other files."""
     return hashlib.sha256(b"".join(Path(path).read_bytes() for path in files)).hexdigest()[:16]
 
 
 def hash_of(*arrays):
-    """SHA-256, hexadecimal, over arrays, for values_sha256()."""
+    """Return the SHA-256 of arrays in hexadecimal, for values_sha256()."""
     total = hashlib.sha256()
     for values in arrays:
         total.update(np.ascontiguousarray(values))
@@ -111,8 +111,8 @@ def hash_of(*arrays):
 
 
 def checked_options(options, defaults, ranges, choices):
-    """The options over their defaults. ranges: {name: (least, most)} of whole numbers; choices: {name: values}. ValueError names
-    one that is out of range."""
+    """Return defaults updated by options. ranges: {name: (least, most)} of whole numbers; choices: {name: allowed values}.
+    Raises ValueError with the name of an option that is out of range."""
     options = defaults | options
     for name, values in choices.items():
         if options[name] not in values or isinstance(options[name], bool):

@@ -44,16 +44,16 @@ LAYOUT, UVS, IMAGE = "layout.pickle", "uv.uint16", "image{}.blocks"
 
 @method("astc")
 class Astc(Method):
-    """Options and their defaults stand in DEFAULTS: block is one of BLOCKS; quality 0 to 100; uv_bytes "uint16", or "none" for
-    UVs as they are that count nothing; profile one of PROFILES, for colours; maps "none", base colour alone, or "all" that show
-    more than one value; normals "xy", two components with the encoder's own measure of angles, or "rgb";
+    """The source's textures in ASTC. Options, with defaults in DEFAULTS: block one of BLOCKS; quality 0 to 100; uv_bytes
+    "uint16", or "none" for uncounted UVs as they are; profile one of PROFILES, for colours; maps "none", base colour alone, or
+    "all" that show more than one value; normals "xy", two components with the encoder's own measure of angles, or "rgb";
     parametrisation one of PARAMETRISATIONS."""
 
     options = tuple(DEFAULTS)
     packages = ("astc-encoder-py",)  # what codes
 
     def codec(self, options, threads):
-        """What codes one image. LookupError, ValueError: as Codec."""
+        """Return the Codec of single images under these options. Raises LookupError, ValueError as Codec."""
         return Codec(options, threads)
 
     def version(self):
@@ -62,13 +62,13 @@ class Astc(Method):
         return f"{versions_of(*self.packages)} {parametrise.versions()} {source_hash(__file__, *files)}"
 
     def warm_up(self, options, threads):
-        """Loads the library. LookupError says that it is not installed."""
+        """Load the library by coding a small image. Raises LookupError if it is not installed."""
         codec = self.codec(options, threads)
         codec.dec_image(codec.enc_image(np.zeros((16, 16, 4), np.uint8)), 16, 16)
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes IMAGE for each image and, if they count, UVS: files of just the bytes that are counted; LAYOUT holds what is
-        handed through. LookupError: no face of the scene has a texture. ValueError: an option is out of range."""
+        """Code a Scene: IMAGE for each image and, if they count, UVS, files of just the counted bytes; LAYOUT holds what is
+        passed on uncoded. Raises LookupError if no face has a texture, ValueError if an option is out of range."""
         codec = self.codec(options, threads)
         with report.stage("parametrisation"):
             scene = _asked_scene(scene, codec.options, folder.parent, threads)
@@ -105,7 +105,7 @@ class Astc(Method):
                 "uv_vertices": len(vertex_uv), "uv_box": layout["uv_box"]}
 
     def decode(self, folder, options, threads, report):
-        """The Scene with the decoded textures and the UVs that were counted."""
+        """Return the Scene with the decoded textures, and the decoded UVs if these were counted."""
         codec, layout = self.codec(options, threads), pickle.loads((folder / LAYOUT).read_bytes())
         with report.stage("textures"):
             images = [codec.dec_image((folder / IMAGE.format(number)).read_bytes(), *size, kind)
@@ -118,7 +118,7 @@ class Astc(Method):
         return scene
 
     def values_sha256(self, decoded):
-        """As the encoder's: of the images in the order of their textures, then of the UVs of the textured faces."""
+        """Return the hash of the decoded images, in the order of their textures, then of the UVs of the textured faces."""
         images = {id(t.image): t.image for t in decoded.textures}
         return hash_of(*images.values(), decoded.corner_uv[textured_faces(decoded)])
 
@@ -137,8 +137,8 @@ def _asked_scene(scene, options, keep, threads):
 
 
 class Codec:
-    """ASTC under a method's options. options: dict with keys of DEFAULTS; threads. LookupError says that the library is not
-    installed, ValueError that an option is out of range."""
+    """ASTC for single images. options: dict with keys of DEFAULTS; threads: of the library. Raises LookupError if the library is
+    not installed, ValueError if an option is out of range."""
 
     def __init__(self, options, threads):
         self.options = checked_options(options, DEFAULTS, {}, CHOICES)
@@ -166,11 +166,11 @@ class Codec:
         return kind == NORMAL and self.options["normals"] == "xy"
 
     def shipped(self, image):
-        """The image that is coded in the place of one of the source."""
+        """Return the image that is coded in place of a source image: the same."""
         return image
 
     def enc_image(self, image, kind=COLOUR):
-        """The blocks, bytes, of an RGBA image uint8 [H, W, 4] of one of the kinds of packed images."""
+        """Return the blocks (bytes) of an RGBA image uint8 [H, W, 4]. kind: of packed_maps: COLOUR, NORMAL or DATA."""
         height, width = image.shape[:2]
         image = two_components(image) if self._is_xy(kind) else image
         data = np.ascontiguousarray(image, np.uint8).tobytes()
@@ -180,7 +180,7 @@ class Codec:
         return blocks
 
     def dec_image(self, blocks, width, height, kind=COLOUR):
-        """The RGBA image, uint8 [H, W, 4], of its blocks, bytes. ValueError: they are not as many as it has."""
+        """Return the RGBA image uint8 [H, W, 4] that blocks (bytes) hold. Raises ValueError if their number is wrong."""
         if len(blocks) != texture_bytes(width, height, self._block):
             raise ValueError(f"{len(blocks)} bytes are no image of {width} x {height} in blocks of {self.options['block']}")
         image = self._lib.ASTCImage(self._lib.ASTCType.U8, width, height)
@@ -190,24 +190,25 @@ class Codec:
 
 
 def block_of(text):
-    """(width, height) in texels of a block such as "12x10"."""
+    """Return (width, height) in texels of a block size such as "12x10"."""
     return tuple(int(side) for side in text.split("x"))
 
 
 def texture_bytes(width, height, block):
-    """Bytes of an image of width x height texels in blocks of (width, height) texels: whole blocks, no mips, no header."""
+    """Return the bytes of an image in blocks of (width, height) texels: whole blocks, no mips, no header."""
     return BLOCK_BYTES * -(-width // block[0]) * -(-height // block[1])
 
 
 def textured_faces(scene):
-    """bool [F]: the faces whose material has a texture, of base colour or a map."""
+    """Return a mask of the faces whose material has a texture, of base colour or a map, bool [F]."""
     return np.array([m.texture >= 0 or bool(m.maps) for m in scene.materials], bool)[scene.face_material]
 
 
 def used_textures(scene):
-    """(images uint8 [H, W, 4], each once; [(number of its image, wrap, name)] per texture of the scene) of what faces use.
+    """Return the base-colour images of faces, uint8 [H, W, 4], each once, and [(index of its image, wrap, name)] of all
+    textures.
 
-    A texture that no face uses has image 0, which nobody asks. LookupError: no face has a texture.
+    A texture that no face uses has index 0, which is never looked up. Raises LookupError if no face has a texture.
     """
     used = {scene.materials[m].texture for m in np.unique(scene.face_material)} - {-1}
     if not used:
@@ -219,8 +220,8 @@ def used_textures(scene):
 
 
 def textured_vertices(scene):
-    """(UVs float64 [N, 2], vertex int64 [T, 3] of each corner of the T textured faces): a renderer's vertices, which are the
-    distinct pairs of position and UV."""
+    """Return a renderer's vertices, the distinct pairs of position and UV: UVs float64 [N, 2], and the vertex of each corner of
+    the T textured faces, int64 [T, 3]."""
     faces = textured_faces(scene)
     rows = np.column_stack([scene.faces[faces].reshape(-1), scene.corner_uv[faces].reshape(-1, 2)])  # indices are exact < 2**53
     rows, vertex = np.unique(rows, axis=0, return_inverse=True)
@@ -228,17 +229,17 @@ def textured_vertices(scene):
 
 
 def uv_box(uv):
-    """[[low u, low v], [high u, high v]] whole numbers: the unit square, grown by whole tiles to where it holds uv, [N, 2]."""
+    """Return [[low u, low v], [high u, high v]], integers: the unit square, grown by whole tiles until it holds uv, [N, 2]."""
     return [np.floor(uv.min(axis=0, initial=0)).tolist(), np.ceil(uv.max(axis=0, initial=1)).tolist()]
 
 
 def quantise_uv(uv, box):
-    """UVs float64 [N, 2] as little-endian uint16 [N, 2], 0 and UV_STEPS being the sides of the box."""
+    """Return UVs float64 [N, 2] as little-endian uint16 [N, 2]; 0 and UV_STEPS are the sides of the box of uv_box()."""
     low, high = np.array(box)
     return np.rint((uv - low) / (high - low) * UV_STEPS).astype("<u2")
 
 
 def dequantise_uv(steps, box):
-    """UVs float64 [N, 2] of uint16 [N, 2]; at most half of 1 / UV_STEPS of the box's side away from what they were."""
+    """Return UVs float64 [N, 2] of uint16 [N, 2], the inverse of quantise_uv(), with an error of at most half a step."""
     low, high = np.array(box)
     return low + steps.astype(np.float64) / UV_STEPS * (high - low)

@@ -20,20 +20,20 @@ RANGES = {"halvings": (0, 7), "uber": (0, 4)}
 
 @method("bc7")
 class Bc7(Astc):
-    """Options and their defaults stand in DEFAULTS: halvings of the images' sides; uber 0 to 4, the encoder's effort; uv_bytes,
-    maps and parametrisation as astc has them."""
+    """The source's textures in BC7 and BC5. Options, with defaults in DEFAULTS: halvings of the images' sides; uber 0 to 4, the
+    encoder's effort; uv_bytes, maps and parametrisation as of astc."""
 
     options = tuple(DEFAULTS)
     packages = ("etcpak", "pillow")
 
     def codec(self, options, threads):
-        """As Astc.codec."""
+        """Return the Codec of single images under these options. Raises LookupError, ValueError as Codec."""
         return Codec(options)
 
 
 class Codec:
-    """BC7 and BC5 under a method's options. LookupError says that the library is not installed, ValueError that an option is out
-    of range."""
+    """BC7 and BC5 for single images, under a method's options. Raises LookupError if the library is not installed, ValueError if
+    an option is out of range."""
 
     def __init__(self, options):
         self.options = checked_options(options, DEFAULTS, RANGES, HANDLING)
@@ -46,7 +46,7 @@ class Codec:
         self._effort.m_uber_level = self.options["uber"]
 
     def shipped(self, image):
-        """An image uint8 [H, W, 4] with its sides halved as often as asked for: means of texels."""
+        """Return a source image uint8 [H, W, 4] with its sides halved options["halvings"] times, by means of texels."""
         for _ in range(self.options["halvings"]):
             if min(image.shape[:2]) < 2:
                 break
@@ -55,7 +55,7 @@ class Codec:
         return image
 
     def enc_image(self, image, kind=COLOUR):
-        """The blocks, bytes, of an RGBA image uint8 [H, W, 4] of a kind of packed images; sides go on to whole blocks."""
+        """Return the blocks (bytes) of an RGBA image uint8 [H, W, 4], padded to whole blocks. kind: COLOUR, NORMAL or DATA."""
         height, width = image.shape[:2]
         image = two_components(image)[..., [0, 3, 0, 3]] if kind == NORMAL else image
         image = np.pad(image, ((0, -height % BLOCK[1]), (0, -width % BLOCK[0]), (0, 0)), mode="edge")
@@ -63,7 +63,7 @@ class Codec:
         return self._lib.compress_bc5(data, *size) if kind == NORMAL else self._lib.compress_bc7(data, *size, self._effort)
 
     def dec_image(self, blocks, width, height, kind=COLOUR):
-        """The RGBA image, uint8 [H, W, 4], of its blocks, bytes. ValueError: they are not as many as it has."""
+        """Return the RGBA image uint8 [H, W, 4] that blocks (bytes) hold. Raises ValueError if their number is wrong."""
         if len(blocks) != texture_bytes(width, height, BLOCK):
             raise ValueError(f"{len(blocks)} bytes are no image of {width} x {height} in blocks of 4 x 4")
         size = (width + -width % BLOCK[0], height + -height % BLOCK[1])

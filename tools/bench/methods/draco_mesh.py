@@ -25,9 +25,9 @@ ALPHA = 3
 
 @dataclass
 class Rival:
-    """One asset on its lattice. scene: with the lattice's positions and faces, and all else of the source; lattice: int64
-    [V, 3]; images: {content: uint8 [H, W, 4]} of what faces use, each once; content: that of each texture, None where unused;
-    columns: {content: columns of the image that anything asks}; with_maps: not the base colour alone."""
+    """An asset as rivals code it. scene: the source with the lattice's positions and faces; lattice: int64 [V, 3]; images:
+    {content: uint8 [H, W, 4]} that faces use, each once; content: key of each texture's image, None if unused; columns:
+    {content: columns of the image that are read}; with_maps: whether maps are coded too."""
 
     scene: Scene
     lattice: np.ndarray
@@ -60,7 +60,7 @@ def _images_of(material, with_maps):
 
 
 def rival_of(scene, position_bits=POSITION_BITS, with_maps=False):
-    """The Rival of a Scene; with_maps: not the base colour alone."""
+    """Return the Rival of a Scene on a lattice of position_bits. with_maps: whether maps are coded besides base colour."""
     surface = make_surface(scene, EncodeOptions(position_bits=position_bits))
     pick = surface.origin_face
     colour = None if scene.corner_color is None else scene.corner_color[pick]
@@ -80,8 +80,8 @@ def rival_of(scene, position_bits=POSITION_BITS, with_maps=False):
 
 
 def upright(scene):
-    """The Scene whose normal maps stand in the frame that viewers make of UVs, and its TANGENTs' hands with them, where a file's
-    TANGENTs turn green over for all that show a map: the rival could not leave TANGENTs out otherwise."""
+    """Return the Scene with green and TANGENT signs flipped for normal maps whose faces all have TANGENTs that mirror the frame
+    viewers derive from UVs. A rival can then omit TANGENTs."""
     if scene.corner_tangent is None:
         return scene
     surface, users = make_surface(scene, EncodeOptions()), {}
@@ -104,7 +104,7 @@ def upright(scene):
 
 
 def uv_boxes(rival):
-    """(low float64 [m, 2], side float64 [m]) of the UVs of each material; a side of 0 is 1."""
+    """Return the UV bounding squares of the materials: low corners float64 [m, 2] and sides float64 [m]; a side of 0 is 1."""
     scene, count = rival.scene, len(rival.scene.materials)
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
     for corner in range(3):
@@ -116,8 +116,7 @@ def uv_boxes(rival):
 
 
 def quantise_uv(rival, bits):
-    """UVs as int64 [F, 3, 2] in 0..2**bits - 1, the longer side of every material's box taking all of it; 0 on faces without a
-    texture."""
+    """Return UVs as int64 [F, 3, 2] in 0..2**bits - 1 over the box of each material (uv_boxes); 0 on faces without a texture."""
     low, side = uv_boxes(rival)
     material = rival.scene.face_material[:, None]
     share = (rival.scene.corner_uv - low[material]) / side[material][..., None]
@@ -125,14 +124,14 @@ def quantise_uv(rival, bits):
 
 
 def dequantise_uv(rival, uv, bits):
-    """UVs float64 [F, 3, 2] of quantise_uv's integers."""
+    """Return UVs float64 [F, 3, 2] of the integers of quantise_uv()."""
     low, side = uv_boxes(rival)
     material = rival.scene.face_material[:, None]
     return low[material] + uv / ((1 << bits) - 1) * side[material][..., None]
 
 
 def quantise_colour(rival, bits):
-    """Vertex colours as int64 [F, 3, 4] in 0..2**bits - 1: linear, as a GLB has them; alpha 1 where nobody sees it."""
+    """Return linear vertex colours as int64 [F, 3, 4] in 0..2**bits - 1; alpha is 1 where it is not visible."""
     scene, most = rival.scene, (1 << bits) - 1
     colour = np.rint(np.clip(scene.corner_color, 0, 1).astype(np.float64) * most).astype(np.int64)
     opaque = np.array([m.alpha_mode == ALPHA_OPAQUE for m in scene.materials])[scene.face_material]
@@ -141,15 +140,15 @@ def quantise_colour(rival, bits):
 
 
 def positions_alone(lattice, faces):
-    """Draco bytes of positions and faces alone, int64 [V, 3] and [F, 3], as one mesh: what every method that is compared by its
-    texture bytes counts as geometry."""
+    """Return the bytes that Draco needs for positions int64 [V, 3] and faces int64 [F, 3] as one mesh: the geometry of all
+    methods that are compared by texture bytes."""
     return len(enc_mesh(lattice, faces))
 
 
 def enc_mesh(lattice, faces, parts=None, bits=None):
-    """One Draco mesh, whose vertices are the distinct corners. lattice: int64 [V, 3]; faces: int64 [F, 3]; parts: what stands at
-    corners by name: "uv" int64 [F, 3, 2] and "normal" float [F, 3, 3] of the bits by name, "colour" int64 [F, 3, 4], coded
-    without its alpha where that is constant, "tangent" int64 [F, 3, 4]."""
+    """Return the bytes of one Draco mesh whose vertices are the distinct corners. lattice: int64 [V, 3]; faces: int64 [F, 3];
+    parts: corner attributes: "uv" int64 [F, 3, 2], "normal" float [F, 3, 3], "colour" int64 [F, 3, 4], coded without a constant
+    alpha, "tangent" int64 [F, 3, 4]; bits: {"uv", "normal"}."""
     import DracoPy
 
     columns = {name: part.reshape(-1, part.shape[2]) for name, part in {"vertex": faces[..., None], **(parts or {})}.items()}
@@ -174,8 +173,8 @@ def enc_mesh(lattice, faces, parts=None, bits=None):
 
 
 def dec_mesh(data):
-    """{"vertex": positions int64 [F, 3, 3], and of "uv", "colour" (3 or 4 columns), "normal" and "tangent" those that there are}
-    of enc_mesh's bytes, by corner. Ends the program where Draco does not give integers back."""
+    """Return the corner attributes of enc_mesh()'s bytes: {"vertex": positions int64 [F, 3, 3], and of "uv", "colour" (3 or 4
+    columns), "normal", "tangent" those coded}. Ends the program if Draco changes integers."""
     import DracoPy
 
     mesh = DracoPy.decode(data)
@@ -200,7 +199,7 @@ def dec_mesh(data):
 
 
 def octahedral(normals, bits):
-    """Normals float32 [..., 3] as Draco gives them back: coded and decoded by Draco itself, in order, one of a kind."""
+    """Return normals float32 [..., 3] as Draco decodes them at these bits: each is coded and decoded by Draco, in order."""
     import DracoPy
 
     rows, index = np.unique(normals.reshape(-1, 3), axis=0, return_inverse=True)
@@ -215,12 +214,12 @@ def octahedral(normals, bits):
 
 
 def quantise_tangent(tangents, bits):
-    """glTF's TANGENT, float32 [F, 3, 4], as int64 in 0..2**bits - 1."""
+    """Return glTF TANGENTs float32 [F, 3, 4] as int64 in 0..2**bits - 1."""
     return np.rint((np.clip(tangents.astype(np.float64), -1, 1) + 1) / 2 * ((1 << bits) - 1)).astype(np.int64)
 
 
 def dequantise_tangent(steps, bits):
-    """TANGENT float32 [F, 3, 4] of quantise_tangent's integers: unit directions and a sign; zero where there was none."""
+    """Return TANGENTs float32 [F, 3, 4] of quantise_tangent()'s integers: unit vectors and a sign; 0 for none."""
     direction, hand = np.split(steps / ((1 << bits) - 1) * 2 - 1, [3], axis=2)
     length = np.linalg.norm(direction, axis=2, keepdims=True)
     there = length > 0.5

@@ -54,21 +54,22 @@ class External(TexfMethod):
         return f"{program_state}{super().version()} " + source_hash(texf.__file__, voxels.__file__, programs.__file__)
 
     def missing(self, options):
-        """As Method.missing."""
+        """Return a sentence on how to get TMC13 if the program is not there; None if it is."""
         return None if program_of(options, VARIABLE, NAME) else (
             f"{NAME} is not here: TMC13, the MPEG group's mpeg-pcc-tmc13, is built from its sources by make -C tools tmc13; then "
             f"{VARIABLE} or the option program names it")
 
     def warm_up(self, options, threads):
-        """Loads the kernels that voxels need."""
+        """Load the kernels that make voxels, with a small scene."""
         from texfcodec.precompile import small_scene
         from texfcodec.report import Report
 
         voxel_values(small_scene(), {"resolution": 32, "threads": threads}, Report())
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes STREAM without values, STREAM_FILE of every field, and what the program leaves. LookupError: the program is not
-        there. ProgramError: it failed or took too long. ValueError: an option is out of range, or other points came back."""
+        """Code a Scene's voxels with TMC13: STREAM without values, STREAM_FILE of every field, and files of the program. Raises
+        LookupError without the program, ProgramError if it fails or takes too long, ValueError for an option out of range or if
+        other points come back."""
         chosen = checked(options)
         if sentence := self.missing(chosen):
             raise LookupError(sentence)
@@ -96,7 +97,7 @@ class External(TexfMethod):
                 "reconstruction_sha256": self.values_sha256(SimpleNamespace(fields=fields))}
 
     def decode(self, folder, options, threads, report):
-        """The Texf of STREAM with the program's colours."""
+        """Return the Texf of STREAM with the colours that TMC13 decodes."""
         chosen = checked(options)
         decoded = super().decode(folder, {}, threads, report)
         with report.stage("program"):
@@ -113,12 +114,12 @@ class External(TexfMethod):
 
 
 def checked(options):
-    """All options. ValueError says which is out of range."""
+    """Return all options with defaults. Raises ValueError with the name of one that is out of range."""
     return checked_options(options, DEFAULTS, {"seconds": (1, 1_000_000)}, {"transform": tuple(TRANSFORMS)})
 
 
 def counted_bytes(path):
-    """Bytes of the attribute bricks of a stream. ValueError: it is no row of payloads."""
+    """Return the bytes of the attribute bricks in a TMC13 stream. Raises ValueError if the file is not a row of payloads."""
     if not path.is_file():
         raise ValueError("the program ended without a bitstream")
     data, place, total = path.read_bytes(), 0, 0
@@ -132,7 +133,7 @@ def counted_bytes(path):
 
 
 def write_ply(path, xyz, rgb):
-    """Points with whole coordinates, int [N, 3], and colours uint8 [N, 3]; coordinates are floats, which every reader knows."""
+    """Write a PLY file of points, int [N, 3], with colours uint8 [N, 3]; coordinates are floats, which every reader knows."""
     rows = np.empty(len(xyz), POINT)
     for column, name in enumerate("xyz"):
         rows[name] = xyz[:, column]
@@ -144,7 +145,8 @@ def write_ply(path, xyz, rgb):
 
 
 def read_ply(path):
-    """(xyz float64 [N, 3], rgb uint8 [N, 3]) of a PLY file of points, by trimesh. ValueError: it is something else."""
+    """Read a PLY file of points with trimesh; return (xyz float64 [N, 3], rgb uint8 [N, 3]). Raises ValueError if it has
+    none."""
     import trimesh
 
     try:
@@ -158,8 +160,8 @@ def read_ply(path):
 
 
 def read_colours(path, keys):
-    """Colours of voxels, uint8 [N, 4], by coordinate in a decoded PLY file. keys: int64 [N], ascending. ValueError: it has other
-    points."""
+    """Return the colours of voxels, uint8 [N, 4], from a decoded PLY file. keys: their Morton keys, int64 [N], ascending. Raises
+    ValueError if the file has other points."""
     xyz, rgb = read_ply(path)
     whole = np.rint(xyz)
     if len(xyz) != len(keys) or not (np.abs(whole) < 1 << 16).all() or (whole < 0).any():

@@ -24,8 +24,8 @@ WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
 
 @dataclass
 class Source:
-    """What rivals code of a Scene. scene: its materials without maps and names; images: {content: uint8 [H, W, 3 or 4]} of what
-    faces use, each once; content: that of each texture, None where unused."""
+    """What rivals code of a Scene. scene: its materials without maps and names; images: {content: uint8 [H, W, 3 or 4]} that
+    faces use, each once; content: key of each texture's image, None if unused."""
 
     scene: object
     images: dict
@@ -44,7 +44,7 @@ class Source:
 
 
 def source_of(scene):
-    """The Source of a Scene."""
+    """Return the Source of a Scene."""
     images, content, used = {}, [None] * len(scene.textures), np.unique(scene.face_material)
     shown = {m.texture for m in (scene.materials[n] for n in used) if m.alpha_mode != ALPHA_OPAQUE}
     for texture in sorted({scene.materials[n].texture for n in used} - {-1}):
@@ -59,8 +59,8 @@ def source_of(scene):
 
 
 def document_of(source, coded=None):
-    """A gltf_write.Document. coded: {content: (image_write.ImageFormat, bytes)}, one for each image; without it there are neither
-    images nor UVs nor vertex colours, which leaves the geometry."""
+    """Return the glTF Document of a Source. coded: {content: (image_write.ImageFormat, bytes)}, one per image; without it
+    images, UVs and vertex colours are left out, and the geometry remains."""
     from texfcodec.io.gltf.material import extensions_of, write_material
     from texfcodec.io.gltf.packing import Plain
     from texfcodec.io.gltf.writer import Document
@@ -124,7 +124,7 @@ def _add_textures(document, source, coded):
 
 
 def coded_images(source, name, quality=None):
-    """{content: (ImageFormat, bytes)} of a Source's images, in one of IMAGE_FORMATS."""
+    """Return {content: (ImageFormat, bytes)} of a Source's images. name: of IMAGE_FORMATS; quality: of its encoder."""
     from texfcodec.io.formats import IMAGE_FORMATS
     from texfcodec.io.images import encode_image
 
@@ -133,15 +133,15 @@ def coded_images(source, name, quality=None):
 
 
 def write_document(document, path):
-    """Writes a Document as a GLB file."""
+    """Write a Document as a GLB file."""
     from texfcodec.io.gltf.writer import glb
 
     Path(path).write_bytes(b"".join(glb(document)))
 
 
 def checked(path, source=None, shrink=1, slack=0):
-    """The Scene of a GLB file that a program wrote. source: the Source it was made of, for an image each of 1 / shrink of the
-    size, to slack pixels; without one no images are looked for. ValueError: a sentence about what is wrong with it."""
+    """Load a GLB file that a program wrote, check it, and return its Scene. source: the Source it was made of, whose images must
+    be there at 1 / shrink of their size, give or take slack pixels; None checks no images. Raises ValueError."""
     from texfcodec.errors import TexfError
     from texfcodec.io.load import load
 
@@ -165,7 +165,7 @@ def checked(path, source=None, shrink=1, slack=0):
 
 
 def weights_of(path):
-    """{"file", "container", "images"}: bytes of a GLB file, of its header and JSON, and of its images."""
+    """Return {"file", "container", "images"}: the bytes of a GLB file, of its header and JSON, and of its images."""
     data = Path(path).read_bytes()
     length = struct.unpack_from("<I", data, 12)[0]
     root = json.loads(data[20 : 20 + length])
@@ -175,15 +175,15 @@ def weights_of(path):
 
 
 def scene_sha256(scene):
-    """hash_of() positions, faces, UVs and images of a Scene."""
+    """Return the hash_of() positions, faces, UVs and images of a Scene."""
     return hash_of(scene.positions, scene.faces, scene.corner_uv, *(t.image for t in scene.textures))
 
 
 def facts_of(folder, scene):
-    """What a method's encode returns of WHOLE and BARE in a folder, and the Scene of the first.
+    """Return the dict of Method.encode() for the files WHOLE and BARE in a folder. scene: as WHOLE was read.
 
-    bytes: total is the whole file; geometry the file of the same program without images, UVs and colours, container and all;
-    texture the rest, which is images, UVs, the vertices that seams split, and the JSON that tells of them.
+    bytes: total is all of WHOLE; geometry is BARE, the file of the same program without images, UVs and colours, container
+    included; texture is the difference: images, UVs, the vertices that seams split, and their JSON.
     """
     weights, geometry = weights_of(folder / WHOLE), weights_of(folder / BARE)["file"]
     return {"bytes": {"total": weights["file"], "geometry": geometry, "texture": weights["file"] - geometry,

@@ -48,8 +48,8 @@ RANGES = {"quality": (1, 100), "shrink": (1, 64), "position_bits": (1, 16), "uv_
 
 
 class GltfProgram(Method):
-    """A program over GLB files. Options and their defaults stand in defaults: texture; quality 1 to 100, of which a program's own
-    scale gets a share; shrink: sides of images are divided by it; seconds: the limit of each run."""
+    """A program that codes GLB files. Options, with defaults in defaults: texture; quality 1 to 100, scaled to the program's own
+    range; shrink: divisor of the images' sides; seconds: time limit of each run."""
 
     name = variable = version_word = install = ""
     defaults, ranges, choices = DEFAULTS, RANGES, {}
@@ -64,11 +64,11 @@ class GltfProgram(Method):
         return f"{self.encoder()} {source_hash(glb.__file__, programs.__file__)}"
 
     def checked(self, options):
-        """All options. ValueError says which is out of range."""
+        """Return all options with defaults. Raises ValueError with the name of one that is out of range."""
         return checked_options(options, self.defaults, self.ranges, self.choices)
 
     def missing(self, options):
-        """A sentence: no program, one that cannot code such images, or a package that reads what it writes."""
+        """Return a sentence if the program, its support of such images, or a reader of its output is missing; else None."""
         options = self.defaults | options
         program = program_of(options, self.variable, self.name)
         if not program:
@@ -76,8 +76,8 @@ class GltfProgram(Method):
         return self.refuses(program, options) or reader_missing(options)
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes WHOLE and BARE. ValueError: an option is out of range, or a file is not what it should be. ProgramError: a run
-        failed, took too long or is not there. LookupError: JPEG has no alpha."""
+        """Code a Scene into WHOLE, and without images, UVs and colours into BARE. Raises ValueError for an option out of range
+        or a faulty output, ProgramError if a run fails or takes too long, LookupError for alpha in JPEG."""
         options, source = self.checked(options), source_of(scene)
         if options["texture"] == "jpeg" and any(image.shape[2] == 4 for image in source.images.values()):
             raise LookupError("JPEG has no alpha, and an image has some that shows")
@@ -97,20 +97,20 @@ class GltfProgram(Method):
         return facts_of(folder, document) | self.further_facts(folder)
 
     def decode(self, folder, options, threads, report):
-        """The Scene of WHOLE, by our loader."""
+        """Return the Scene of WHOLE, read by texfcodec's loader."""
         return checked(folder / WHOLE)
 
     def values_sha256(self, decoded):
-        """As facts_of has it."""
+        """Return scene_sha256() of a decoded Scene, which facts_of() returned for the encoder."""
         return scene_sha256(decoded)
 
     def further_facts(self, folder):
-        """What else results hold."""
+        """Return further entries for the dict of encode(): none here."""
         return {}
 
 
 def reader_missing(options):
-    """A sentence: the package that our loader needs for what comes out is not here; None where it is."""
+    """Return a sentence if a package that texfcodec's loader needs for the program's output is not installed; else None."""
     if options.get("mesh", "meshopt") == "meshopt" and not find_spec("meshoptimizer"):
         return 'meshopt is read by the package meshoptimizer: pip install "texfcodec[formats]"'
     if options["texture"] in ("etc1s", "uastc") and not find_spec("opengl_basisu"):
@@ -120,7 +120,7 @@ def reader_missing(options):
 
 @method("gltf_transform")
 class GltfTransform(GltfProgram):
-    """As GltfProgram; mesh "draco" or "meshopt"; speed 0 to 10, Draco's."""
+    """GltfProgram of gltf-transform. Further options: mesh "draco" or "meshopt"; speed 0 to 10, of Draco."""
 
     name, variable, version_word = "gltf-transform", "TEXFCODEC_GLTF_TRANSFORM", "--version"
     install = "install node and `npm install -g @gltf-transform/cli`"
@@ -129,17 +129,17 @@ class GltfTransform(GltfProgram):
     options = tuple(defaults)
 
     def refuses(self, program, options):
-        """A sentence: such images need another program."""
+        """Return a sentence if a program that codes such images is missing; else None."""
         if options["texture"] in ("etc1s", "uastc") and not shutil.which("ktx"):
             return f"{options['texture']} by {self.name} needs the command ktx on PATH: install KTX-Software of Khronos"
         return None
 
     def slack(self, options):
-        """Pixels that a side may be off."""
+        """Return by how many pixels the side of an output image may differ."""
         return int(options["shrink"] > 1)
 
     def run(self, source, options, folder, name):
-        """Puts SOURCE of a folder through the steps, one into the next, into a file of this name. source: None without looks."""
+        """Run gltf-transform on SOURCE in a folder, step by step, into the file `name`. source: None without images and UVs."""
         path, command = folder / SOURCE, program_of(options, self.variable, self.name)
         for number, (verb, *words) in enumerate([*(image_steps(source, options) if source else []), mesh_step(options)]):
             target = folder / f"step_{number}.glb"
@@ -152,7 +152,7 @@ class GltfTransform(GltfProgram):
 
 
 def image_steps(source, options):
-    """[words of a command line after the program's, without its files] for the images."""
+    """Return the steps for the images, each the arguments of gltf-transform without its files."""
     steps, quality = [], options["quality"]
     for width, height in sorted(set(source.sizes)) if options["shrink"] > 1 else ():
         sides = [str(max(1, round(side / options["shrink"]))) for side in (width, height)]
@@ -164,7 +164,7 @@ def image_steps(source, options):
 
 
 def mesh_step(options):
-    """The words of a command line for the vertices."""
+    """Return the arguments of gltf-transform, without its files, that compress the mesh."""
     bits = ["--quantize-position", str(options["position_bits"]), "--quantize-texcoord", str(options["uv_bits"])]
     speed = str(options["speed"])
     return [options["mesh"], *bits, *(["--encode-speed", speed, "--decode-speed", speed] if options["mesh"] == "draco" else [])]
@@ -172,7 +172,7 @@ def mesh_step(options):
 
 @method("gltfpack")
 class Gltfpack(GltfProgram):
-    """As GltfProgram; texture one of PACK_WORDS; gltfpack's own scale of 1 to 10 (-tq) gets the tenth part of the quality."""
+    """GltfProgram of gltfpack. texture: one of PACK_WORDS; gltfpack's scale of 1 to 10 (-tq) gets a tenth of the quality."""
 
     name, variable, version_word = "gltfpack", "TEXFCODEC_GLTFPACK", "-v"
     install = "take a build of meshoptimizer's releases, or `npm install -g gltfpack`, which codes no images"
@@ -180,17 +180,17 @@ class Gltfpack(GltfProgram):
     options = tuple(DEFAULTS)
 
     def refuses(self, program, options):
-        """A sentence: this build cannot code such images."""
+        """Return a sentence if this build of gltfpack cannot code such images; else None."""
         reason = refused(program, tuple(PACK_WORDS[options["texture"]]))
         return reason and (f"this {self.name} cannot code images as {options['texture']}, builds of meshoptimizer's releases "
                            f"can: {reason}")
 
     def slack(self, options):
-        """Pixels that a side may be off."""
+        """Return by how many pixels the side of an output image may differ."""
         return BLOCK
 
     def run(self, source, options, folder, name):
-        """Puts SOURCE of a folder through the program, into a file of this name. source: None without looks."""
+        """Run gltfpack on SOURCE in a folder and write the file `name`. source: None without images and UVs."""
         words = PACK_WORDS[options["texture"]] if source and source.images else []
         if words:
             shrink = ["-ts", repr(1 / options["shrink"])] if options["shrink"] > 1 else []
@@ -202,13 +202,13 @@ class Gltfpack(GltfProgram):
         (folder / SOURCE).unlink()
 
     def further_facts(self, folder):
-        """The bytes that gzip has."""
+        """Return the bytes of WHOLE after gzip, a further entry for the dict of encode()."""
         return {"gzip_bytes": len(gzip.compress((folder / WHOLE).read_bytes(), 9, mtime=0))}
 
 
 @lru_cache(maxsize=8)
 def refused(program, words):
-    """What a program says against such images, tried on one of 4 x 4 pixels; None where it takes them."""
+    """Return the error of a program that is run with these arguments on an image of 4 x 4 pixels; None if it succeeds."""
     corners = np.array([[[0, 0], [1, 0], [1, 1]]], np.float64)
     scene = Scene(np.eye(3), np.array([[0, 1, 2]]), np.zeros(1, np.int64), corners, None, [Material(texture=0)],
                   [Texture(np.full((4, 4, 4), 255, np.uint8))])

@@ -37,7 +37,7 @@ RIVALS = 'pip install "texfcodec[rivals]" brings it'
 
 
 class Codec(NamedTuple):
-    """quality: what the number means; low, high: its range; needs: what codes; alpha: whether it has its own."""
+    """An image codec. quality: what the number means; low, high: its range; needs: what codes; alpha: whether it codes alpha."""
 
     quality: str
     low: float
@@ -67,7 +67,7 @@ NEUTRAL = 128
 
 
 def missing(codec):
-    """A sentence: what a codec of CODECS needs that is not installed, and how to get it; None where all is there."""
+    """Return a sentence on what a codec of CODECS needs that is not installed, and how to get it; None if nothing is missing."""
     needs = CODECS[codec].needs
     try:
         if needs in ("x265", "aom and dav1d"):
@@ -97,13 +97,13 @@ def _encodes_by_aom():
 
 
 def versions(codec):
-    """What the bytes of a codec depend on, in words."""
+    """Return the names and versions of the libraries that the bytes of a codec depend on."""
     packages = {"x265": ("av",), "aom and dav1d": ("pillow", "av"), "jxl": ("imagecodecs",)}
     return versions_of(*packages.get(CODECS[codec].needs, ("pillow",)))
 
 
 def check(codec, quality, chroma="420"):
-    """ValueError: an argument is out of range. LookupError: something is not installed."""
+    """Raise ValueError if an argument of enc_image() is out of range, LookupError if something is not installed."""
     if codec not in CODECS:
         raise ValueError(f"codec must be one of {', '.join(CODECS)}, not {codec!r}")
     meaning, low, high = CODECS[codec][:3]
@@ -117,10 +117,10 @@ def check(codec, quality, chroma="420"):
 
 
 def enc_image(image, codec, quality, chroma="420", threads=1):
-    """The bytes of an image.
+    """Return the bytes of an image in a codec.
 
-    image: uint8 [H, W, 3 or 4], alpha straight; codec: of CODECS, which says what quality is; chroma: "420" or "444", where the
-    codec has a choice; threads: of libaom and libjxl, bytes do not depend on them. ValueError, LookupError: as check().
+    image: uint8 [H, W, 3 or 4], alpha straight; codec: of CODECS, which says what quality is; chroma: "420" or "444", if the
+    codec has a choice; threads: of libaom and libjxl, without effect on the bytes. Raises ValueError, LookupError as check().
     """
     check(codec, quality, chroma)
     image = np.ascontiguousarray(image, np.uint8)
@@ -133,7 +133,7 @@ def enc_image(image, codec, quality, chroma="420", threads=1):
 
 
 def dec_image(data, codec, width, height):
-    """The image uint8 [height, width, 4] of enc_image's bytes, alpha 255 where it had none."""
+    """Return the image uint8 [height, width, 4] of enc_image()'s bytes, with alpha 255 if it had none."""
     dec = _DEC[codec]
     if data[:4] != RGBA_MARK:
         image = dec(data)[:height, :width]
@@ -145,7 +145,7 @@ def dec_image(data, codec, width, height):
 
 
 def grown(image):
-    """An image [H, W, ...] whose sides are even and not shorter than LEAST_SIDE, continued by repetition of its border."""
+    """Return an image [H, W, ...] padded to even sides of at least LEAST_SIDE by repetition of its border."""
     after = [max(side + side % 2, LEAST_SIDE) - side for side in image.shape[:2]]
     return np.pad(image, [(0, n) for n in after] + [(0, 0)] * (image.ndim - 2), mode="edge")
 
@@ -154,7 +154,7 @@ def grown(image):
 
 
 def to_yuv(rgb, weights, chroma):
-    """Planes uint8 of an image uint8 [H, W, 3], with full range. weights: of red and blue; chroma: "420" or "444"."""
+    """Return full-range planes uint8 of an image uint8 [H, W, 3]. weights: of red and blue in luma; chroma: "420" or "444"."""
     red, blue = weights
     rgb = rgb.astype(np.float32)
     y = rgb @ np.float32([red, 1 - red - blue, blue])
@@ -165,7 +165,7 @@ def to_yuv(rgb, weights, chroma):
 
 
 def from_yuv(planes, weights):
-    """Image uint8 [H, W, 3] of to_yuv's planes, or of luma alone."""
+    """Return the image uint8 [H, W, 3] of to_yuv()'s planes, or of luma alone. weights: those of to_yuv()."""
     y = planes[0].astype(np.float32)
     if len(planes) == 1:
         return np.repeat(planes[0][..., None], 3, axis=2)
@@ -246,7 +246,7 @@ def _dec_av1(data):
 
 
 def av1_payload(avif):
-    """The AV1 temporal unit of an AVIF file, bytes, with one image and no alpha: what its mdat box holds."""
+    """Return the AV1 temporal unit (bytes of the mdat box) of an AVIF file with one image and no alpha."""
     at = 0
     while at + 8 <= len(avif):
         size, kind = int.from_bytes(avif[at : at + 4], "big"), avif[at + 4 : at + 8]

@@ -12,8 +12,8 @@ COLOUR, DATA, NORMAL = "colour", "data", "normal"
 
 
 class PackedImage(NamedTuple):
-    """An image and the channels in it, as materials name them. image: uint8 [H, W, 4], 255 where no channel is; wrap: as a
-    Texture's; kind: COLOUR where a channel is sRGB-coded, NORMAL for directions, else DATA."""
+    """An image and the channels in it. names: of the channels; image: uint8 [H, W, 4], 255 where no channel is; wrap: as of a
+    Texture; kind: COLOUR if a channel is sRGB-coded, NORMAL for directions, else DATA."""
 
     names: tuple
     image: np.ndarray
@@ -22,9 +22,9 @@ class PackedImage(NamedTuple):
 
 
 def pack_maps(scene):
-    """(PackedImages of the maps that faces use, each once; by material a dict from channel to the number of its image).
+    """Return the PackedImages of the maps that faces use, each once, and by material {channel: index of its image}.
 
-    Channels of one glTF image share a packed image where their images are of one size. ValueError: a map has UVs of its own.
+    Channels of one glTF image share a packed image if their images have the same size. Raises ValueError for a map with own UVs.
     """
     if scene.map_uv:
         raise ValueError("maps with UVs of their own are not counted here")
@@ -61,13 +61,12 @@ def _packed_image(names, maps):
 
 
 def two_components(image):
-    """A normal map, uint8 [H, W, 4], as formats of two components take it: of unit normals x in red, green and blue, y in
-    alpha."""
+    """Return a normal map uint8 [H, W, 4] as two-component formats take it: x in red, green and blue, y in alpha."""
     xy = np.rint(values_of_map("normal", image)).astype(np.uint8)
     return np.ascontiguousarray(xy[..., [0, 0, 0, 1]])
 
 
 def three_components(image):
-    """A normal map again of what two_components() made, uint8 [H, W, 4]: z follows from x and y."""
+    """Return the normal map uint8 [H, W, 4] of one made by two_components(): z follows from x and y."""
     xyz = with_z(image.reshape(-1, 4)[:, [0, 3]].astype(np.float32)).reshape(*image.shape[:2], 3)
     return np.dstack([np.rint(xyz).astype(np.uint8), np.full(image.shape[:2], 255, np.uint8)])

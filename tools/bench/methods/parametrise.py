@@ -50,7 +50,8 @@ class NoAtlas(Exception):
 
 
 class Request(NamedTuple):
-    """parametrisation: "uvatlas" or "xatlas"; side: of the square image in texels; seconds: time limit of the child process."""
+    """A new parametrisation. parametrisation: "uvatlas" or "xatlas"; side: of the square image in texels; seconds: time limit of
+    the child process."""
 
     parametrisation: str
     side: int
@@ -58,7 +59,7 @@ class Request(NamedTuple):
 
 
 def missing(parametrisation):
-    """A sentence: what is not installed that a parametrisation needs, and how to get it; None where all is there."""
+    """Return a sentence on what a parametrisation needs that is not installed, and how to get it; None if nothing is missing."""
     if parametrisation == "uvatlas" and importlib.util.find_spec("open3d") is None:  # to import it takes seconds
         return f"uvatlas needs open3d; {RIVALS}"
     return None
@@ -70,7 +71,7 @@ def versions():
 
 
 def used_texels(scene):
-    """Texels of the base-colour images that faces use, each content once. LookupError: no face has a texture."""
+    """Return the number of texels of the base-colour images that faces use, each once. Raises LookupError without a texture."""
     used = {scene.materials[m].texture for m in np.unique(scene.face_material)} - {-1}
     if not used:
         raise LookupError("no texture: no face has a base-colour image, and UV rivals code no vertex colours")
@@ -79,17 +80,16 @@ def used_texels(scene):
 
 
 def side_of(scene):
-    """Side in texels of the square atlas with as many texels as the images that faces use; even."""
+    """Return the even side in texels of a square atlas with as many texels as the images that faces use."""
     return int(np.clip(2 * round(math.sqrt(used_texels(scene)) / 2), LEAST_SIDE, MOST_SIDE))
 
 
 def reparametrised(scene, request, keep, threads=1):
-    """(the Scene with a new parametrisation and its base colour, factors and vertex colours included, in one image; the seconds
-    that this took).
+    """Return (the Scene with new UVs and its base colour, factors and vertex colours included, in one image; the seconds taken).
 
-    scene: Scene; request: Request; keep: folder where atlases stay for further jobs of the same asset, since UVAtlas takes long
-    and gives another atlas each time: rate points of a curve should differ in their rate alone. Geometry is that on the lattice
-    of POSITION_BITS; alpha modes and sides of materials stay, maps do not. NoAtlas, LookupError.
+    keep: folder of atlases for further jobs of the same asset, because UVAtlas takes long and differs each time, while rate
+    points of a curve should differ in rate alone. Geometry is that on the lattice of POSITION_BITS; alpha modes and sides of
+    materials stay, maps do not. Raises NoAtlas, LookupError.
     """
     if sentence := missing(request.parametrisation):
         raise LookupError(sentence)
@@ -141,8 +141,8 @@ def _key(scene, request):
 
 
 def new_uv(lattice, faces, request):
-    """UVs of a mesh, float64 [F, 3, 2] in 0..1. lattice: int64 [V, 3] of POSITION_BITS, no two alike; faces: int64 [F, 3];
-    request: Request. NoAtlas says why there are none."""
+    """Return new UVs of a mesh, float64 [F, 3, 2] in 0..1. lattice: distinct positions int64 [V, 3] of POSITION_BITS; faces:
+    int64 [F, 3]. Raises NoAtlas with the reason."""
     points, decoded = draco_mesh(enc_mesh(lattice, faces))
     face, turn = matched(lattice[faces], points[decoded])
     unit = points / (1 << POSITION_BITS)
@@ -155,7 +155,7 @@ def new_uv(lattice, faces, request):
 
 
 def draco_mesh(data):
-    """(lattice points int64 [V, 3], faces int64 [F, 3]) of Draco bytes with integer positions; what Draco has split stays so."""
+    """Return (lattice points int64 [V, 3], faces int64 [F, 3]) of Draco bytes; vertices that Draco has split stay split."""
     import DracoPy
 
     mesh = DracoPy.decode(data)
@@ -163,10 +163,11 @@ def draco_mesh(data):
 
 
 def matched(source, decoded):
-    """Which face each decoded one was: (face int64 [F], turn int64 [F]); its corner k is corner (k + turn) % 3 of that face.
+    """Return each decoded face's source face, int64 [F], and rotation turn, int64 [F]: its corner k is the source's (k + turn) %
+    3.
 
-    source, decoded: int64 [F, 3, C], the same faces in another order and turned, columns of positions or of more. Among faces
-    that are alike any may be taken. ValueError: they are not the same faces.
+    source, decoded: int64 [F, 3, C], the same faces in another order and rotation, columns of positions or of more. Among
+    identical faces any may be chosen. Raises ValueError if the faces differ.
     """
     if source.shape != decoded.shape:
         raise ValueError(f"Draco gave {len(decoded)} faces back in place of {len(source)}")
@@ -216,7 +217,7 @@ class _Source:
 
 
 def barycentric(points, corners):
-    """Weights float64 [M, 3], each 0..1, of points [M, 3] on triangles [M, 3, 3]; the first corner of one without area."""
+    """Return barycentric weights float64 [M, 3], each 0..1, of points [M, 3] on triangles [M, 3, 3]; (1, 0, 0) without area."""
     u, v, w = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
     normal = np.cross(u, v)
     area = (normal * normal).sum(axis=1)

@@ -20,12 +20,12 @@ VERSION_SECONDS = 20
 
 
 class ProgramError(Exception):
-    """A sentence: what a program did wrong."""
+    """A program failed; the message is a sentence that says how."""
 
 
 def program_of(options, variable, name):
-    """The program as the words of a command line: that of options["program"], of an environment variable, or of PATH by its
-    name; None where there is none. What options or the variable hold may be several words, as in "node cli.js"."""
+    """Return a program as words of a command line: options["program"], an environment variable, or name on PATH; None if none is
+    set. The first two may be several words, as in "node cli.js"."""
     given = options.get("program") or os.environ.get(variable)
     if not given:
         path = shutil.which(name)
@@ -36,8 +36,7 @@ def program_of(options, variable, name):
 
 
 def run_program(command, log, seconds):
-    """Runs a command, [str], to its end; what it says goes into the file log, anew. ProgramError: it failed, or took longer than
-    so many seconds."""
+    """Run a command, a list of words, with its output in a new file log. Raises ProgramError if it fails or exceeds seconds."""
     name = Path(command[0]).name
     with open(log, "wb") as said:
         child = subprocess.Popen([sys.executable, "-S", "-E", __file__, *command], stdin=subprocess.PIPE, stdout=said,
@@ -72,7 +71,7 @@ def _last_line(log):
 
 @lru_cache(maxsize=8)
 def version_of(command):
-    """What a command, a tuple, says on stdout, without white space around it; "" where it fails."""
+    """Return what a command, a tuple of words, prints on stdout, stripped; "" if it fails."""
     try:
         done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=VERSION_SECONDS, check=False)
     except (OSError, subprocess.TimeoutExpired):

@@ -52,8 +52,9 @@ WARM_GRID = 16
 
 @method("sdf")
 class Sdf(TexfMethod):
-    """Options and their defaults stand in DEFAULTS: grid, cells along the longest side; steps, of distances in a cell; resolution
-    K, qp and effort of the field, and position_bits of the lattice that its voxels are found on, which cost nothing here."""
+    """A signed distance field with colours in voxels. Options, with defaults in DEFAULTS: grid: cells along the longest side;
+    steps: per cell of a distance; resolution K, qp and effort of the colours; position_bits of the lattice on which voxels are
+    computed, which costs nothing here."""
 
     options = tuple(DEFAULTS)
 
@@ -63,12 +64,12 @@ class Sdf(TexfMethod):
         return f"{versions_of('scikit-image', 'libigl', 'imagecodecs')} {super().version()} {source_hash(*files)}"
 
     def missing(self, options):
-        """As Method.missing."""
+        """Return a sentence on the packages of the method that are not installed; None if all are."""
         absent = [name for name in ("igl", "imagecodecs", "skimage") if not find_spec(name)]
         return f"sdf needs {', '.join(absent)}; {RIVALS}" if absent else None
 
     def warm_up(self, options, threads):
-        """Loads kernels and libraries with a coarse ball."""
+        """Load kernels and libraries by coding a coarse sphere."""
         import tempfile
         from pathlib import Path
 
@@ -84,7 +85,8 @@ class Sdf(TexfMethod):
             self.decode(Path(folder), options | few, threads, Report())
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes DISTANCES and FIELD. ValueError: the scene has no inside, or an option is out of range."""
+        """Code a Scene into DISTANCES and FIELD. Raises ValueError for an option out of range or a solid thinner than a cell,
+        LookupError without an inside."""
         chosen = checked(options)
         if any(m.alpha_mode != ALPHA_OPAQUE for m in scene.materials):
             report.warnings.append("the surface of a solid is opaque: what shines through in the source does not here")
@@ -108,7 +110,7 @@ class Sdf(TexfMethod):
                 "draco_bytes": written.sizes["geometry"]}
 
     def decode(self, folder, options, threads, report):
-        """The Texf over the mesh that marching cubes make of DISTANCES."""
+        """Return the Texf whose mesh marching cubes extract from DISTANCES and whose colours are in FIELD."""
         from texfcodec.api import decode
         from texfcodec.options import DecodeOptions
 
@@ -120,25 +122,25 @@ class Sdf(TexfMethod):
 
 
 def checked(options):
-    """All options. ValueError says which is out of range."""
+    """Return all options with defaults. Raises ValueError with the name of one that is out of range."""
     return checked_options(options, DEFAULTS, RANGES, {})
 
 
 def settings_of(chosen, threads):
-    """The EncodeOptions of the field."""
+    """Return the EncodeOptions for the colours under these options."""
     kept = {name: chosen[name] for name in ("resolution", "qp", "position_bits", "effort")}
     return EncodeOptions(**PREPARED, partition="off", threads=threads, **kept)
 
 
 def scene_of(positions, faces):
-    """A Scene of one white opaque material."""
+    """Return a Scene of a mesh with one white opaque material."""
     return Scene(np.asarray(positions, np.float64), np.asarray(faces, np.int64), np.zeros(len(faces), np.int64),
                  np.zeros((len(faces), 3, 2)), None, [Material("solid")], [])
 
 
 def enc_solid(scene, cells, steps):
-    """(bytes of the distances of a Scene on a grid of so many cells along its longest side; lost_share() of it). LookupError:
-    it has no inside, so that there is nothing to code."""
+    """Return (bytes of a Scene's signed distances on a grid with `cells` cells along the longest side, lost_share() of it).
+    steps: per cell. Raises LookupError if it has no inside."""
     low, high = scene.positions[scene.faces].min(axis=(0, 1)), scene.positions[scene.faces].max(axis=(0, 1))
     side = float((high - low).max()) / cells
     if not side > 0:
@@ -155,8 +157,7 @@ def enc_solid(scene, cells, steps):
 
 
 def lost_share(positions, faces):
-    """Share of the surface that is seen from outside and has no inside behind it, at PROBES points that are asked LOOK to either
-    side."""
+    """Return the share of the surface that has the outside on both sides, tested at PROBES points, LOOK away from it."""
     import igl
 
     face, bary = sample_surface(positions, faces, PROBES)
@@ -168,7 +169,7 @@ def lost_share(positions, faces):
 
 
 def signed_distances(positions, faces, shape):
-    """Distances float64 [X, Y, Z] in cells, negative inside. positions: in grid units."""
+    """Return signed distances in cells, float64 [X, Y, Z] = shape, negative inside. positions: in grid units."""
     import igl
 
     points = np.argwhere(np.ones(shape, bool)).astype(np.float64)
@@ -177,8 +178,8 @@ def signed_distances(positions, faces, shape):
 
 
 def quantised(distances, steps):
-    """Distances in steps of 1 / steps of a cell: (int64 [X, Y, Z], n standing for (n + 1/2) / steps; bool [X, Y, Z]: corners of
-    crossed cells). Never zero, so that no sign is lost."""
+    """Return distances in steps per cell, int64 [X, Y, Z], where n means (n + 1/2) / steps so that no sign is lost, and the
+    corners of cells that the surface crosses, bool [X, Y, Z]."""
     most = most_steps(steps)
     values = np.clip(np.floor(distances * steps), -most, most - 1).astype(np.int64)
     inside, mixed = values < 0, np.zeros(values.shape, bool)
@@ -190,12 +191,12 @@ def quantised(distances, steps):
 
 
 def most_steps(steps):
-    """Values are in -most..most - 1, so that 256 are enough for RANGES."""
+    """Return the largest magnitude of a quantised distance: values are in -most..most - 1, so that 256 are enough for RANGES."""
     return int(np.ceil(BAND * steps))
 
 
 def enc_distances(values, needed, steps):
-    """Bytes of quantised() values, exact where needed, of the same sign elsewhere."""
+    """Return the bytes of quantised() values: exact where needed (bool [X, Y, Z]), of the same sign elsewhere."""
     import imagecodecs
 
     most = most_steps(steps)
@@ -205,7 +206,7 @@ def enc_distances(values, needed, steps):
 
 
 def dec_distances(data, shape, steps):
-    """Mirror of enc_distances: int64 [X, Y, Z]."""
+    """Return the values int64 [X, Y, Z] = shape of enc_distances()'s bytes."""
     import imagecodecs
 
     image = imagecodecs.jpegxl_decode(data).reshape(shape[0], shape[2], shape[1])
@@ -213,7 +214,7 @@ def dec_distances(data, shape, steps):
 
 
 def dec_solid(data):
-    """The Scene that marching cubes make of enc_solid()'s bytes. ValueError: there is no surface in them."""
+    """Return the Scene that marching cubes extract from enc_solid()'s bytes. Raises ValueError if they have no surface."""
     from skimage.measure import marching_cubes
 
     *corner, side, x, y, z, steps = HEAD.unpack_from(data)
@@ -225,26 +226,26 @@ def dec_solid(data):
 
 
 def draco_of(mesh, settings):
-    """Draco's bytes of a Scene of one material in one field, as the encoder has them."""
+    """Return Draco's bytes of a Scene of one material in one field, as the encoder makes them. settings: EncodeOptions."""
     surface = make_surface(mesh, settings)
     used, local = np.unique(surface.faces, return_inverse=True)
     return enc_geometry(surface.lattice[used], local.reshape(-1, 3), surface.cube.position_bits)
 
 
 def without_mesh(stream, draco):
-    """A stream whose one geometry unit has lost its Draco bytes, and where they stood."""
+    """Return a stream without the Draco bytes of its only geometry unit, and their position."""
     place = stream.index(draco)
     return PLACE.pack(place) + stream[:place] + stream[place + len(draco) :]
 
 
 def with_mesh(field, draco):
-    """The stream again of what without_mesh() left."""
+    """Return the whole stream from what without_mesh() returned and the Draco bytes."""
     (place,), rest = PLACE.unpack_from(field), field[PLACE.size :]
     return rest[:place] + draco + rest[place:]
 
 
 def fetched(scene, prepared, threads):
-    """Colours of the voxels of the one field of Prepared, float32 [N, 4] in 0..255: means over its surface of the Scene's."""
+    """Return the colours of the voxels of Prepared's only field, float32 [N, 4] in 0..255: means of the Scene's surface."""
     surface, part = prepared.surface, prepared.fields[0]
     lattice, faces = prepared.source.surfaces[0]
     corners, colours = surface.cube.to_world(lattice)[faces], MeshColours(scene, threads)

@@ -36,9 +36,9 @@ RECORD_MASKS = 60  # of the octree
 
 @method("serialized")
 class Serialized(TexfMethod):
-    """Options and their defaults stand in DEFAULTS: resolution K of the voxels; curve one of CURVES, in tiles of `tile`
-    pixels a side; codec one of CODECS, with qp (of av1 the CQ level) and chroma, or with block, quality and profile as astc has
-    them; position_bits as our encoder has them."""
+    """Voxel colours along a space-filling curve as an image. Options, with defaults in DEFAULTS: resolution K of the voxels;
+    curve one of CURVES, in tiles of `tile` pixels a side; codec one of CODECS, with qp (of av1 the CQ level) and chroma, or with
+    block, quality and profile as of astc; position_bits as of texf."""
 
     options = tuple(DEFAULTS)
 
@@ -49,7 +49,7 @@ class Serialized(TexfMethod):
         return " ".join([Astc().version(), *versions, source_hash(*files)])
 
     def missing(self, options):
-        """As Method.missing: of the image codec."""
+        """Return a sentence if the image codec is not installed; else None."""
         options = DEFAULTS | options
         if options["codec"] != "astc":
             return image_codecs.missing(options["codec"]) if options["codec"] in CODECS else None
@@ -57,7 +57,7 @@ class Serialized(TexfMethod):
         return None if spec else "astc needs astc-encoder-py; pip install \"texfcodec[baselines]\" brings it"
 
     def warm_up(self, options, threads):
-        """Loads the image codec and the kernels that voxels need."""
+        """Load the image codec and the kernels that make voxels, with a small scene."""
         from texfcodec.precompile import small_scene
         from texfcodec.report import Report
 
@@ -67,9 +67,10 @@ class Serialized(TexfMethod):
         voxel_values(small_scene(), {"resolution": WARM_SIDE, "threads": threads}, Report())
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes STREAM without values, IMAGE, and for ASTC ADDRESSES of every field.
+        """Code a Scene into STREAM without values, IMAGE, and for ASTC also ADDRESSES of every field.
 
-        ValueError: an option is out of range, or the image came back in another size."""
+        Raises ValueError if an option is out of range or the image is decoded in another size.
+        """
         chosen = checked(options)
         given = {"resolution": chosen["resolution"], "threads": threads, "position_bits": chosen["position_bits"]}
         prepared = voxel_values(scene, given, report)
@@ -98,7 +99,7 @@ class Serialized(TexfMethod):
                 "voxels": len(values), "fields": len(fields)}
 
     def decode(self, folder, options, threads, report):
-        """The Texf of STREAM with the image's values in its voxels."""
+        """Return the Texf of STREAM with the decoded image's values in its voxels."""
         decoded, chosen = super().decode(folder, options, threads, report), checked(options)
         with report.stage("image"):
             decoded.fields = self._fields(decoded.fields, folder, chosen, image_coder(chosen, threads))
@@ -119,12 +120,13 @@ class Serialized(TexfMethod):
 
 
 def checked(options):
-    """All options. ValueError says which is out of range."""
+    """Return all options with defaults. Raises ValueError with the name of one that is out of range."""
     return checked_options(options, DEFAULTS, {}, {"curve": CURVES, "tile": TILES, "codec": CODECS, "chroma": CHROMA})
 
 
 def orders(parts, curve):
-    """(rank in the Morton order of the voxels along the curve, their keys, ascending) of every part: int64 [N] each."""
+    """Return for every field (order of its voxels along the curve, as indices into the Morton order; their curve keys,
+    ascending), int64 [N] each."""
     out = []
     for part in parts:
         keys = curve_keys(part.support.xyz(), octree_depth(part.support.size), curve)
@@ -134,7 +136,7 @@ def orders(parts, curve):
 
 
 def enc_octree(keys, bits):
-    """Bytes of the octree of keys int64 [N], places of voxels along the curve, ascending, N >= 1, each below 8**bits."""
+    """Return the bytes of the octree of voxels. keys: their curve keys, int64 [N], ascending, N >= 1, each below 8**bits."""
     levels = []
     for level in range(bits):
         cells = np.unique(keys >> 3 * level)
@@ -148,8 +150,8 @@ def enc_octree(keys, bits):
 
 
 def image_coder(chosen, threads):
-    """What codes an image: enc(image uint8 [H, W, 4]) -> bytes, dec(bytes, width, height) -> image. LookupError says what is not
-    installed."""
+    """Return functions enc(image uint8 [H, W, 4]) -> bytes and dec(bytes, width, height) -> image. Raises LookupError if a codec
+    is not installed."""
     if chosen["codec"] == "astc":
         blocks = Codec({name: chosen[name] for name in ASTC_OPTIONS}, threads)
         return SimpleNamespace(enc=blocks.enc_image, dec=blocks.dec_image)

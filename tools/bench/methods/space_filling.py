@@ -8,8 +8,8 @@ CURVES = "morton", "hilbert"
 
 
 def curve_keys(cells, bits, curve):
-    """Place of every cell along a curve, int64 [N]. cells: integer [N, D], each in 0..2**bits - 1; curve: one of CURVES. The key
-    of a cell without its last D bits is that of the cell twice as large around it, for both curves."""
+    """Return the position of every cell along a curve, int64 [N]. cells: coordinates, integer [N, D] in 0..2**bits - 1; curve:
+    of CURVES. For both curves, a key without its last D bits is that of the cell twice as large around."""
     axes = np.array(np.asarray(cells).T, np.int64, order="C")
     if axes.size and (axes.min() < 0 or axes.max() >> bits):
         raise ValueError(f"a cell is outside of 0..{(1 << bits) - 1}")
@@ -44,16 +44,16 @@ def _turn(axes, bits):
 
 
 def image_size(count, tile):
-    """(width, height) of the image that holds count values: about square, of whole tiles of `tile` pixels a side."""
+    """Return (width, height) of an image that holds count values: about square, of whole tiles of `tile` pixels a side."""
     columns = max(math.ceil(math.sqrt(count) / tile), 1)
     return columns * tile, max(math.ceil(count / (columns * tile * tile)), 1) * tile
 
 
 def image_places(count, tile, curve):
-    """Pixel of each of count values as its number in the image of image_size(), row by row: int64 [count].
+    """Return the pixel of each of count values, as index into the rows of the image of image_size(): int64 [count].
 
-    Tiles of `tile`, a power of two, pixels a side, in each along the curve in two dimensions. Tiles go row by row; with the
-    Hilbert curve every other row is mirrored, so that a row of tiles is one path without a jump.
+    Values fill tiles of `tile` pixels a side (a power of two), each along the 2D curve. Tiles go row by row; with the Hilbert
+    curve every other row is mirrored, so that a row of tiles is one path without a jump.
     """
     width, height = image_size(count, tile)
     y, x = (a.ravel() for a in np.divmod(np.arange(tile * tile), tile))
@@ -68,7 +68,7 @@ def image_places(count, tile, curve):
 
 
 def to_image(values, tile, curve):
-    """The image uint8 [height, width, C] of values uint8 [N, C], N >= 1; the pixels that are left over repeat the last value."""
+    """Return the image uint8 [height, width, C] of values uint8 [N, C], N >= 1; pixels left over repeat the last value."""
     width, height = image_size(len(values), tile)
     image = np.empty((height * width, values.shape[1]), np.uint8)
     image[:] = values[-1]
@@ -77,7 +77,7 @@ def to_image(values, tile, curve):
 
 
 def from_image(image, count, tile, curve):
-    """The count values, [count, C], of their image. ValueError: it is not of the size that so many values have."""
+    """Return the count values of an image of to_image(), [count, C]. Raises ValueError if the size of the image does not fit."""
     width, height = image_size(count, tile)
     if image.shape[:2] != (height, width):
         raise ValueError(f"the image decodes to {image.shape[1]} x {image.shape[0]} pixels where {width} x {height} were coded")

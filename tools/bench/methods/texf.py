@@ -15,7 +15,7 @@ WARM_RESOLUTION = 64
 
 @contextmanager
 def transfer_density(density):
-    """The transfer's most samples per voxel edge, for a while; None changes nothing."""
+    """Context manager: limit the transfer's samples per voxel edge to density. None changes nothing."""
     from texfcodec.encoder.values import source_field
 
     usual, fitted = dict(source_field.TRANSFER_DENSITY), source_field.FITTED_DENSITY
@@ -31,11 +31,11 @@ def transfer_density(density):
 
 @method("texf")
 class TexfMethod(Method):
-    """Options are the fields of EncodeOptions, and density, the transfer's most samples per voxel edge; the defaults are the
-    package's. Bytes are those of the stream, of a 3DNTC payload
-    those that a GPU keeps. "geometry" is what positions alone take as one mesh at the bits asked for, as for UV rivals; what the
-    stream's geometry takes beyond, for UVs, finer positions and further units, is "placement" and counts with the texture. A GPU
-    keeps its mesh in no stream: beside a 3DNTC payload all of the stream's geometry is "geometry"."""
+    """texfcodec. Options are the fields of EncodeOptions, and density, the transfer's most samples per voxel edge. Bytes are
+    those of the stream; of a 3DNTC payload those that a GPU keeps. "geometry" is what positions alone take as one mesh at the
+    requested bits, as for UV rivals; the rest of the stream's geometry, for UVs, finer positions and further units, is
+    "placement" and counts as texture. A GPU keeps its mesh in no stream: beside a 3DNTC payload all of the stream's geometry is
+    "geometry"."""
 
     options = (*(f.name for f in fields(EncodeOptions) if f.name not in NOT_SETTINGS), "density")
 
@@ -44,8 +44,8 @@ class TexfMethod(Method):
         return f"{versions_of('DracoPy')} {source_hash(draco_mesh.__file__)}"
 
     def warm_up(self, options, threads):
-        """Codes and decodes two small sheets under the same options, but with few voxels, without a target, and with a fit where
-        the asset may get one; and over texels, where the asset may get them."""
+        """Code and decode two small sheets with these options, but with few voxels, no target, and one fit if the options allow
+        fits; again over texels if they allow texels."""
         from texfcodec.api import decode, encode
         from texfcodec.precompile import small_scene
 
@@ -60,7 +60,7 @@ class TexfMethod(Method):
             decode(encode(small_scene(), EncodeOptions(**kept | {"support": "texels"})))
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes STREAM."""
+        """Code a Scene into STREAM."""
         from texfcodec.api import encode_to_result
 
         settings = EncodeOptions(**{k: v for k, v in options.items() if k != "density"}, threads=threads)
@@ -80,25 +80,25 @@ class TexfMethod(Method):
                 "supports": [group["chosen"] for group in encoded.choices["supports"]["groups"]], **chosen}
 
     def decode(self, folder, options, threads, report):
-        """The Texf of STREAM."""
+        """Return the Texf decoded from STREAM."""
         from texfcodec.api import decode
         from texfcodec.options import DecodeOptions
 
         return decode((folder / STREAM).read_bytes(), DecodeOptions(threads=threads), report)
 
     def values_sha256(self, decoded):
-        """As Encoded.reconstruction_sha256 of the encoder: field by field and channel by channel, the keys
-        as 64-bit little-endian numbers, then the uint8 values [N, C]."""
+        """Return the hash that the encoder gives as Encoded.reconstruction_sha256: by field and channel, the keys as 64-bit
+        little-endian numbers, then the values uint8 [N, C]."""
         return hash_of(*(part for field in decoded.fields for plane in field.planes.values() for part in (field.keys, plane)))
 
 
 @method("texf_baked")
 class TexfBakedMethod(TexfMethod):
-    """The same stream as a viewer shows it that knows images alone: baked into a GLB with an atlas of its own, which costs
-    nothing, because the receiver makes it."""
+    """The stream of texf, decoded as for a viewer that has images alone: baked into a GLB with an atlas, which costs no bytes,
+    because the receiver makes it."""
 
     def decode(self, folder, options, threads, report):
-        """The Scene of the baked GLB."""
+        """Return the Scene of the GLB baked from STREAM."""
         from texfcodec.io.load import load
 
         self._texf = super().decode(folder, options, threads, report)
@@ -107,11 +107,11 @@ class TexfBakedMethod(TexfMethod):
         return load(str(folder / BAKED))
 
     def values_sha256(self, decoded):
-        """Of what was decoded before it was baked."""
+        """Return the hash of the Texf that was decoded before it was baked."""
         return super().values_sha256(self._texf)
 
 
 def geometry_bytes(scene, position_bits):
-    """draco_mesh.positions_alone() of a Scene."""
+    """Return the bytes of draco_mesh.positions_alone() for a Scene on a lattice of position_bits."""
     surface = make_surface(scene, EncodeOptions(position_bits=position_bits))
     return draco_mesh.positions_alone(surface.lattice, surface.faces)

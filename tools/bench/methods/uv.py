@@ -40,10 +40,10 @@ WORTH = 0.8  # of a smaller image: bytes, times the error to this power
 
 @method("uv")
 class Uv(Method):
-    """Options and their defaults stand in DEFAULTS: parametrisation one of parametrise.PARAMETRISATIONS; codec, quality, chroma
-    as image_codecs has them, or chroma "best"; uv_bits "auto" or a number; scale of the images' sides; size: side of a new
-    atlas, 0 for as many texels as the source has; seconds: time limit of a new parametrisation; maps "none" or "all";
-    colour_bits, normal_bits, tangent_bits: of what stands at corners, 0 for none."""
+    """A mesh with UVs by Draco and images by a codec. Options, with defaults in DEFAULTS: parametrisation one of
+    parametrise.PARAMETRISATIONS; codec, quality, chroma as of image_codecs, or chroma "best"; uv_bits "auto" or a number; scale
+    of the images' sides; size: side of a new atlas, 0 for as many texels as the source has; seconds: limit of a new
+    parametrisation; maps "none" or "all"; colour_bits, normal_bits, tangent_bits: of corner attributes, 0 for none."""
 
     options = tuple(DEFAULTS)
 
@@ -54,20 +54,20 @@ class Uv(Method):
         return " ".join([*versions, parametrise.versions(), code])
 
     def missing(self, options):
-        """As Method.missing."""
+        """Return a sentence on what the codec or the parametrisation needs that is not installed; None if nothing is missing."""
         options = DEFAULTS | options
         codec = image_codecs.missing(options["codec"]) if options["codec"] in image_codecs.CODECS else None
         return codec or parametrise.missing(options["parametrisation"])
 
     def warm_up(self, options, threads):
-        """Loads the codec. LookupError, ValueError: as checked()."""
+        """Load the codec. Raises LookupError, ValueError as checked()."""
         options = checked(options)
         kind = options["codec"], options["quality"], options["chroma"].replace("best", "420"), threads
         image_codecs.dec_image(image_codecs.enc_image(np.zeros((32, 32, 3), np.uint8), *kind), options["codec"], 32, 32)
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes MESH, IMAGE and LAYOUT. LookupError: nothing has a texture. ValueError: an option is out of range.
-        NoAtlas: there is no new parametrisation."""
+        """Code a Scene into MESH, IMAGE and LAYOUT. Raises LookupError if nothing has a texture, ValueError if an option is out
+        of range, NoAtlas without a new parametrisation."""
         options = checked(options)
         if options["maps"] == "all":
             scene = shown_in_light(scene)
@@ -100,17 +100,17 @@ class Uv(Method):
                 "source_texels": texels, "parametrisation_seconds": seconds}
 
     def decode(self, folder, options, threads, report):
-        """The Scene with decoded positions, UVs and images."""
+        """Return the Scene with decoded positions, UVs and images."""
         with report.stage("decode"):
             return decoded(folder)
 
     def values_sha256(self, decoded):
-        """Over images, then positions and UVs of corners."""
+        """Return the hash of a decoded Scene's images, then of the positions and UVs of its corners."""
         return hash_of(*(texture.image for texture in decoded.textures), decoded.positions[decoded.faces], decoded.corner_uv)
 
 
 def checked(options):
-    """All options with their defaults. ValueError: one is out of range; LookupError: something is not installed."""
+    """Return all options with defaults. Raises ValueError if one is out of range, LookupError if something is not installed."""
     options = DEFAULTS | options
     image_codecs.check(options["codec"], options["quality"], options["chroma"].replace("best", "420"))
     if options["maps"] not in ("none", "all"):
@@ -132,7 +132,7 @@ def checked(options):
 
 
 def uv_bits_of(rival, options):
-    """Bits of the longer side of a UV box."""
+    """Return the number of bits for the longer side of a UV box: options["uv_bits"], or by the image sizes and UV tiles."""
     if options["uv_bits"] != "auto":
         return options["uv_bits"]
     large = max((max(image.shape[:2]) for image in rival.images.values()), default=0) > LARGE
@@ -145,7 +145,7 @@ def uv_bits_of(rival, options):
 
 
 def shown_in_light(scene):
-    """The Scene without maps that show nothing or one value alone, its maps upright. LookupError: a map has UVs of its own."""
+    """Return the Scene with the maps that shading needs, upright (draco_mesh). Raises LookupError if a map has its own UVs."""
     from tools.bench.map_errors import needed_maps
 
     scene = needed_maps(scene)
@@ -155,7 +155,7 @@ def shown_in_light(scene):
 
 
 def corner_parts(rival, bits, options):
-    """({name: what stands at corners, as enc_mesh() has it}, {name: bits}) of a Rival."""
+    """Return ({name: corner attribute}, {name: bits}) of a Rival, as enc_mesh() takes them. bits: of UVs."""
     scene, parts = rival.scene, {"uv": quantise_uv(rival, bits)}
     if options["colour_bits"] and rival.is_coloured:
         parts["colour"] = draco_mesh.quantise_colour(rival, options["colour_bits"])
@@ -167,8 +167,7 @@ def corner_parts(rival, bits, options):
 
 
 def enc_meshes(rival, bits, options):
-    """(Draco bytes by mesh, what LAYOUT has of them, by corner in the order of their faces): one mesh per material or one of all,
-    whichever is smaller."""
+    """Return ([Draco bytes], entries for LAYOUT) of one mesh per material or one for all, whichever is smaller. bits: of UVs."""
     material, faces = rival.scene.face_material, rival.scene.faces
     parts, part_bits = corner_parts(rival, bits, options)
 
@@ -198,7 +197,7 @@ def enc_meshes(rival, bits, options):
 
 
 def dec_meshes(folder, layout):
-    """(lattice int64 [V, 3], faces int64 [F, 3], {"corner_uv" and others of a Scene}) of the files MESH."""
+    """Return (lattice int64 [V, 3], faces int64 [F, 3], {"corner_uv" and further fields of a Scene}) from the files MESH."""
     meshes = [dec_mesh((folder / MESH.format(number)).read_bytes()) for number in range(layout["meshes"])]
     corners = np.concatenate([mesh["vertex"] for mesh in meshes])
     lattice, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
@@ -223,7 +222,8 @@ def dec_meshes(folder, layout):
 
 
 def enc_images(rival, options, threads):
-    """(bytes of each image, {"images": their [width, height]}). Columns that nothing asks are flat; one alone is grey."""
+    """Return ([bytes of each image], {"images": [[width, height]]}) of a Rival. Unread columns are flat; a single one is
+    grey."""
     out, sizes = [], []
     scale = options["scale"] if options["parametrisation"] == parametrise.SOURCE_UVS else 1
     for key, image in rival.images.items():
@@ -242,7 +242,8 @@ def enc_images(rival, options, threads):
 
 
 def resized(image, size, alpha_is_data):
-    """uint8 [H, W, 3 or 4] at a size (width, height). Alpha that may be data goes apart: Pillow weighs colours by it."""
+    """Return an image uint8 [H, W, 3 or 4] resized to (width, height). alpha_is_data: resize alpha apart, because Pillow weighs
+    colours by it."""
     parts = (slice(3), 3) if alpha_is_data and image.shape[2] == 4 else (slice(None),)
     small = (Image.fromarray(np.ascontiguousarray(image[..., part])).resize(size, Image.Resampling.LANCZOS) for part in parts)
     return np.dstack([np.asarray(part) for part in small])
@@ -262,7 +263,7 @@ def _coded(image, components, options, threads):
 
 
 def handed_through(rival, options, cube):
-    """What else a file format would say. cube: CanonicalCube of the lattice."""
+    """Return the further facts that a file format would hold, for LAYOUT, uncounted. cube: CanonicalCube of the lattice."""
     numbers = {key: number for number, key in enumerate(rival.images)}
     textures = [(numbers.get(key, 0), t.wrap, t.name) for key, t in zip(rival.content, rival.scene.textures, strict=True)]
     bare = {"normals": Material().normals} | ({} if rival.with_maps else {"maps": {}, "parameters": {}})
@@ -271,7 +272,7 @@ def handed_through(rival, options, cube):
 
 
 def decoded(folder):
-    """The Scene of a folder's files."""
+    """Return the Scene decoded from the files in a folder."""
     layout = pickle.loads((folder / LAYOUT).read_bytes())
     lattice, faces, attributes = dec_meshes(folder, layout)
     images = [image_codecs.dec_image((folder / IMAGE.format(number, layout["codec"])).read_bytes(), layout["codec"], *size)

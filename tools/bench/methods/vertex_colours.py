@@ -34,7 +34,7 @@ FIT_STEPS, PACE = 8, 1.5  # the matrix's eigenvalues are between 1 / 4 and 1
 
 @method("vertex_colours")
 class VertexColours(Method):
-    """Options, their defaults and ranges stand in DEFAULTS and RANGES."""
+    """A subdivided mesh with vertex colours by Draco. Options, with defaults in DEFAULTS and ranges in RANGES."""
 
     options = tuple(DEFAULTS)
 
@@ -43,14 +43,14 @@ class VertexColours(Method):
         return f"{versions_of('DracoPy')} {source_hash(draco_mesh.__file__)}"
 
     def warm_up(self, options, threads):
-        """Loads kernels and Draco."""
+        """Load kernels and Draco with a small scene."""
         from texfcodec.precompile import small_scene
 
         chosen, scene = checked(options) | {"density": 2}, small_scene()
         dec_parts(enc_parts(painted(scene, surface_of(scene, chosen["position_bits"]), chosen, threads)))
 
     def encode(self, scene, options, folder, threads, report):
-        """Writes MESH. ValueError: an option is out of range, or there would be more than MOST_FACES faces."""
+        """Code a Scene into MESH. Raises ValueError if an option is out of range or for more than MOST_FACES faces."""
         chosen = checked(options)
         with report.stage("subdivide"):
             surface = surface_of(scene, chosen["position_bits"])
@@ -64,22 +64,22 @@ class VertexColours(Method):
                 "reconstruction_sha256": self.values_sha256(dec_parts(data).scene())}
 
     def decode(self, folder, options, threads, report):
-        """The Scene with vertex colours."""
+        """Return the Scene with vertex colours, decoded from MESH."""
         with report.stage("draco"):
             return dec_parts((folder / MESH).read_bytes()).scene()
 
     def values_sha256(self, decoded):
-        """Over positions, faces and colours."""
+        """Return the hash of a decoded Scene's positions, faces and colours."""
         return hash_of(decoded.positions, decoded.faces, decoded.corner_color)
 
 
 def checked(options):
-    """All options. ValueError says which is out of range."""
+    """Return all options with defaults. Raises ValueError with the name of one that is out of range."""
     return checked_options(options, DEFAULTS, RANGES, {})
 
 
 def surface_of(scene, position_bits):
-    """The Scene on its lattice."""
+    """Return the Scene's surface on a lattice of position_bits."""
     return make_surface(scene, EncodeOptions(position_bits=position_bits))
 
 
@@ -88,8 +88,8 @@ def surface_of(scene, position_bits):
 
 @dataclass
 class Patchwork:
-    """positions: float64 [V, 3] in lattice steps; faces: int64 [F, 3]; origin: int64 [F], the source's face that each is on;
-    bary: float64 [F, 3, 3], its corners' barycentric coordinates there."""
+    """A subdivided mesh and where it lies on the source. positions: float64 [V, 3] in lattice steps; faces: int64 [F, 3];
+    origin: int64 [F], source face of each; bary: float64 [F, 3, 3], barycentric coordinates of its corners there."""
 
     positions: np.ndarray
     faces: np.ndarray
@@ -98,7 +98,8 @@ class Patchwork:
 
 
 def subdivided(work, longest):
-    """The Patchwork with no edge longer than `longest` lattice steps. ValueError: there would be more than MOST_FACES faces."""
+    """Return the Patchwork with no edge longer than `longest` lattice steps. Raises ValueError for more than MOST_FACES
+    faces."""
     while True:
         ends = np.sort(np.stack([work.faces, np.roll(work.faces, -1, axis=1)], axis=2), axis=2)
         code = ends[..., 0] * len(work.positions) + ends[..., 1]
@@ -146,15 +147,15 @@ def corner_weights():
 
 
 def sampled(source, work, faces, threads):
-    """The source's colours at the samples of faces, float32 [N, S, 4] in 0..255."""
+    """Return the source's colours at the sample points of some faces of a Patchwork, float32 [N, S, 4] in 0..255."""
     bary = np.einsum("sk,nkc->nsc", corner_weights(), work.bary[faces])
     origin = np.repeat(work.origin[faces], bary.shape[1])
     return sample_source(source, origin, bary.reshape(-1, 3), threads).reshape(*bary.shape[:2], 4)
 
 
 def fitted_colours(source, work, threads):
-    """Colours of vertices, float64 [V, 4] in 0..255: means over the faces around them, and FIT_STEPS from there towards the
-    colours whose interpolation is nearest to the source (Richardson's iteration over the mass matrix of the triangles)."""
+    """Return vertex colours float64 [V, 4] in 0..255: means over the adjacent faces, then FIT_STEPS steps towards those whose
+    interpolation is closest to the source (Richardson iteration on the triangles' mass matrix)."""
     weights, sums = corner_weights(), np.zeros((len(work.positions), 5))
     corners = work.positions[work.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) + 1e-9
@@ -180,7 +181,7 @@ def fitted_colours(source, work, threads):
 
 
 class MaterialKind(NamedTuple):
-    """What a material is that only has vertex colours."""
+    """Properties of a material that has vertex colours alone."""
 
     alpha_mode: int
     double_sided: bool
@@ -189,8 +190,8 @@ class MaterialKind(NamedTuple):
 
 @dataclass
 class Painted:
-    """What is coded. cube; bits: of a colour's component; parts: (MaterialKind, lattice int64 [V, 3], faces int64 [F, 3], colour
-    int64 [V, 4] in 0..2**bits - 1), one for every kind that a face has."""
+    """Meshes to code. cube: CanonicalCube; bits: of a colour component; parts: (MaterialKind, lattice int64 [V, 3], faces int64
+    [F, 3], colour int64 [V, 4] in 0..2**bits - 1), one for every kind that a face has."""
 
     cube: CanonicalCube
     bits: int
@@ -211,14 +212,14 @@ class Painted:
 
 
 def kinds_of(scene, material):
-    """(face_kind int64 [F], the distinct MaterialKinds) of faces with these materials, int64 [F]."""
+    """Return (index of its kind per face, int64 [F]; the distinct MaterialKinds). material: of the faces, int64 [F]."""
     of = [MaterialKind(m.alpha_mode, m.double_sided, float(np.float32(m.alpha_cutoff))) for m in scene.materials]
     kinds = sorted({of[m] for m in np.unique(material)})
     return np.array([kinds.index(kind) if kind in kinds else -1 for kind in of])[material], kinds
 
 
 def painted(scene, surface, chosen, threads):
-    """The Painted of a Scene on its lattice."""
+    """Return the Painted of a Scene. surface: of surface_of(); chosen: the options."""
     source = pack_source(scene, surface.origin_face)
     work = Patchwork(surface.lattice.astype(np.float64), surface.faces, np.arange(len(surface.faces)),
                      np.tile(np.eye(3), (len(surface.faces), 1, 1)))
@@ -240,7 +241,7 @@ def painted(scene, surface, chosen, threads):
 
 
 def enc_parts(coded):
-    """Bytes of a Painted: HEAD, and a PART with Draco's bytes for every kind."""
+    """Return the bytes of a Painted: HEAD, then for every kind a PART with Draco's bytes."""
     out = [HEAD.pack(*coded.cube.origin, coded.cube.side, coded.cube.position_bits, coded.bits, len(coded.parts))]
     for kind, lattice, faces, colour in coded.parts:
         data = draco_mesh.enc_mesh(lattice, faces, {"colour": colour[faces]})  # without alpha where it is constant
@@ -249,7 +250,7 @@ def enc_parts(coded):
 
 
 def dec_parts(data):
-    """The Painted of enc_parts()'s bytes."""
+    """Return the Painted decoded from enc_parts()'s bytes."""
     import DracoPy
 
     *origin, side, position_bits, bits, count = HEAD.unpack_from(data)

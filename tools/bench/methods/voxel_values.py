@@ -20,19 +20,19 @@ PREPARED = {"support": "voxels", "refine": "off", "effects": "none"}
 
 
 def voxel_values(scene, options, report):
-    """The Plan of a Scene: voxels of base colour and alpha alone, transferred and not refined. options: dict
-    of further EncodeOptions, among them the resolution."""
+    """Return the encoder's plan of a Scene with base colour and alpha alone in voxels, transferred and not refined. options:
+    dict of further EncodeOptions, resolution among them."""
     return Encoder(scene=scene).filled(EncodeOptions(**PREPARED | options), report)
 
 
 def rgba_of(part):
-    """Values of a SourceField as they would be coded: uint8 [N, 4], 255 where there is no alpha."""
+    """Return the values of a SourceField as they would be coded, uint8 [N, 4], with alpha 255 if it has none."""
     planes = {name: np.clip(np.rint(plane), 0, 255).astype(np.uint8) for name, plane in part.planes.items()}
     return join_planes(planes, len(part.support))
 
 
 def write_mesh(prepared, folder, report):
-    """Writes STREAM with the values 0; (bytes of its positions alone, as texf counts them, and all its other bytes)."""
+    """Write STREAM with values 0 and return (bytes of its positions alone, counted as for texf; all its other bytes)."""
     empty = [part.with_planes({name: np.zeros_like(plane) for name, plane in part.planes.items()}) for part in prepared.fields]
     written = write(replace(prepared, fields=empty), report)
     (folder / STREAM).write_bytes(written.data)
@@ -41,7 +41,7 @@ def write_mesh(prepared, folder, report):
 
 
 def with_values(parts, rgba):
-    """Fields of the supports of parts, Fields or SourceFields, with values uint8 [N, 4], one array a part, in their planes."""
+    """Return Fields with the supports of parts (Fields or SourceFields) and new values, uint8 [N, 4] for each part."""
     fields = []
     for part, values in zip(parts, rgba, strict=True):
         planes = {c.name: np.ascontiguousarray(values[:, list(c.columns)]) for c in COLOURS if c.name in part.planes}

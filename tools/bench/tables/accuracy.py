@@ -24,8 +24,9 @@ QUALITY, IMAGE = ("psnr_3d", "y"), ("image", "psnr", "y")
 
 
 class Knob(NamedTuple):
-    """values: from cheap to dear, of numbers none; curve: the group of its rate curve, "" without; auto: all else is left to the
-    encoder; hindsight: the default chooses among the other values, and pays for it."""
+    """A setting that is varied. text: what it is; values: from cheap to dear, "" for numbers; curve: group of its rate curve, ""
+    without; auto: whether the rest is left to the encoder; hindsight: whether the default chooses among the other values, and
+    pays for it."""
 
     text: str
     default: str | None
@@ -59,8 +60,8 @@ KNOBS = {
 
 
 class Cell(NamedTuple):
-    """A value of a knob on one asset. percent: bytes above the curve at equal quality, None where it does not say; by: values
-    that dominate it."""
+    """A value of a knob on one asset. percent: bytes above the curve at equal quality, None if out of its range; by: values that
+    dominate it."""
 
     value: str
     seconds: float
@@ -71,8 +72,8 @@ class Cell(NamedTuple):
 
 
 def dominates(a, b):
-    """Whether one of two (seconds, other costs with the gain that counts) is no worse throughout and better in one. Seconds
-    within NOISE count as equal."""
+    """Return whether a, (seconds, other costs with the gain that counts), is no worse than b throughout and better in one.
+    Seconds within NOISE count as equal."""
     (fast, ours), (slow, theirs) = a, b
     no_worse = fast <= slow * (1 + NOISE) and all(x <= y for (x, _), (y, _) in zip(ours, theirs, strict=True))
     better = fast * (1 + NOISE) < slow or any(x < y - gain for (x, gain), (y, _) in zip(ours, theirs, strict=True))
@@ -80,22 +81,22 @@ def dominates(a, b):
 
 
 def dominated(points):
-    """Indices of those that dominate it, of each of [(seconds, ((cost, gain), ...))]."""
+    """Return for each of points, (seconds, ((cost, gain), ...)), the indices of those that dominate it."""
     return [[i for i, a in enumerate(points) if dominates(a, b)] for b in points]
 
 
 def seconds_of(row):
-    """Processor seconds of the encode; by the wall clock where an older row has no others."""
+    """Return the processor seconds of a row's encode, or those by the wall clock if an older row has no others."""
     return at(row, ("seconds", "encode", "processor")) or row["seconds"]["encode"]["total"]
 
 
 def value_of(row):
-    """What the knob of a row was turned to."""
+    """Return the value of the varied setting of a row."""
     return row["setting"].partition("_")[2].replace("_", " ")
 
 
 def cells_of(name, by_group, asset):
-    """[Cell] of a knob on an asset, in the order of its values. by_group: of results.grouped()."""
+    """Return the [Cell] of a knob (name) on an asset, in the order of its values. by_group: of results.grouped()."""
     knob = KNOBS[name]
     rows = by_group.get(name, {}).get(asset, [])
     order = knob.values.split()
@@ -124,14 +125,15 @@ def _number(text):
 
 
 def curve_of(by_group, asset, knob):
-    """[(bytes, dB)] of the defaults over QP for a knob, less what another QP beats in both; [] without."""
+    """Return the rate curve of a knob's defaults over QP, [(bytes, dB)], without points that another beats in both; may be
+    []."""
     rows = by_group.get(knob.curve, {}).get(asset) or by_group.get(knob.curve and "QP", {}).get(asset, [])
     points = sorted((row["bytes"]["total"], at(row, knob.quality)) for row in rows if at(row, knob.quality) is not None)
     return [point for i, point in enumerate(points) if all(quality < point[1] for _, quality in points[:i])]
 
 
 def percent_at(curve, size, quality):
-    """Percent of bytes above a curve at a quality; None beyond the curve's ends, and where the curve is none."""
+    """Return by how many percent size is above a curve at a quality in dB; None beyond the curve's ends or if it is []."""
     if len(curve) < 2 or not curve[0][1] - REACH <= quality <= curve[-1][1] + REACH:
         return None
     try:
@@ -141,8 +143,8 @@ def percent_at(curve, size, quality):
 
 
 def steps_of(table):
-    """[(knob, value, {asset: (seconds more, percent of bytes more, verdict)})]: the values next to the default. table: {knob:
-    {asset: [Cell]}}."""
+    """Return [(knob, value, {asset: (extra seconds, extra bytes in percent, verdict)})] of the values next to the default.
+    table: {knob: {asset: [Cell]}}."""
     steps = []
     for name, by_asset in table.items():
         trades, knob = defaultdict(dict), KNOBS[name]
@@ -158,7 +160,7 @@ def steps_of(table):
 
 
 def step_lines(table, assets):
-    """What one more second buys, Markdown lines."""
+    """Return Markdown lines on what one more second buys, by knob and asset. table: as of steps_of()."""
     rows = []
     for name, value, trades in steps_of(table):
         bought = [gain for seconds, percent, word in trades.values() if word not in (BETTER, DOMINATED)
@@ -176,7 +178,7 @@ def _trade(seconds, percent):
 
 
 def changes_of(table):
-    """Lines about presets and defaults that are dominated on an asset, those on most assets first."""
+    """Return lines on presets and defaults that are dominated on an asset, the most frequent first. table: see steps_of()."""
     votes, judged = defaultdict(list), Counter()
     for name, by_asset in table.items():
         for asset, cells in by_asset.items():
@@ -194,8 +196,8 @@ def changes_of(table):
 
 
 def beaten_presets(table):
-    """{asset: {"preset rNN": settings that dominate it in seconds, bytes and dB}}, among those that leave as much to the
-    encoder."""
+    """Return {asset: {"preset rNN": settings that dominate it in seconds, bytes and dB}}, among those that leave as much to the
+    encoder. table: as of steps_of()."""
     beaten_by_asset = {}
     for asset in dict.fromkeys(asset for by_asset in table.values() for asset in by_asset):
         rows = [(f"{name} {cell.value}", cell) for name, by_asset in table.items() if KNOBS[name].auto
@@ -207,7 +209,7 @@ def beaten_presets(table):
 
 
 def knob_lines(table, assets):
-    """A table per knob: a line per value, a column per asset."""
+    """Return the lines of a Markdown table per knob: a row per value, a column per asset. table: as of steps_of()."""
     for name, by_asset in table.items():
         columns = [asset for asset in assets if by_asset.get(asset)]
         values = list(dict.fromkeys(cell.value for asset in columns for cell in by_asset[asset]))
@@ -225,8 +227,8 @@ def _cell(cell):
 
 
 def metric_lines(rows, assets):
-    """What the metrics cost and miss: rows of the group "metric" at several evaluations against the largest of them, root mean
-    square over seeds."""
+    """Return lines on what the metrics cost and miss: rows of the group "metric" at several evaluations against the largest of
+    them, root mean square over seeds."""
     kinds = (("views of the metric", IMAGE, lambda row: (row["image"]["size"], row["image"]["views"]) if row["image"] else None),
              ("samples of 3D-PSNR", QUALITY, lambda row: None if row["image"] else row["psnr_3d"]["samples"]))
     for title, path, key in kinds:
@@ -249,7 +251,8 @@ def metric_lines(rows, assets):
 
 
 def draw(table, assets, path):
-    """The plot: of each asset, bytes saved at equal quality against seconds, the front drawn; whether matplotlib is there."""
+    """Plot bytes saved at equal quality against seconds for each asset, with the front, to path. Return False without
+    matplotlib."""
     pyplot = load_pyplot()
     if pyplot is None:
         return False
@@ -275,7 +278,7 @@ def draw(table, assets, path):
 
 
 def page(args):
-    """Lines of the whole page. args: of collect.py; the plot goes into pictures/ beside args.out."""
+    """Return the lines of the whole page. args: parsed arguments of collect.py; the plot goes into pictures/ beside args.out."""
     every = [row for folder in args.results for row in read_results(folder)]
     rows = [row for row in every if row["group"] != "metric"]
     by_group, assets = grouped(rows), list(dict.fromkeys(row["asset"] for row in rows))

@@ -29,7 +29,7 @@ MEASURES = ("y", "rgb", "yuv")
 
 
 def front(points):
-    """The lower-left front of (bytes, PSNR) pairs: those with more PSNR than every smaller one, in that order."""
+    """Return the lower-left front of (bytes, PSNR) pairs, by bytes: those with more PSNR than every smaller one."""
     kept = []
     for size, psnr in sorted(points, key=lambda p: (p[0], -p[1])):
         if not kept or psnr > kept[-1][1]:
@@ -38,8 +38,8 @@ def front(points):
 
 
 def log_bytes(points, psnr):
-    """Logarithm of the bytes that a curve needs at each PSNR, float64 [N]: those of its first point below its range, inf above.
-    points: (bytes, PSNR) pairs of a front; psnr: float64 [N]."""
+    """Return the logarithm of the bytes that a front of (bytes, PSNR) pairs needs at each psnr, float64 [N]: that of its first
+    point below its range, inf above."""
     quality, sizes = np.array([p[1] for p in points]), np.log([p[0] for p in points])
     inside = np.clip(psnr, quality[0], quality[-1])
     out = PchipInterpolator(quality, sizes)(inside) if len(points) > 1 else np.interp(inside, quality, sizes)
@@ -47,7 +47,7 @@ def log_bytes(points, psnr):
 
 
 def curves_of(points, measure):
-    """Fronts of the rival points, [(key, front)]; points without an error in the measure are left out."""
+    """Return the fronts of rival points, [(key, front)], in a measure; points without a finite value are left out."""
     groups = defaultdict(list)
     for p in points:
         if p[measure] is not None:
@@ -56,15 +56,15 @@ def curves_of(points, measure):
 
 
 def envelope(curves, psnr):
-    """(logarithm of the least bytes float64 [N], number of the curve that has them int64 [N]) at each PSNR, float64 [N]; inf
-    where no curve goes so far."""
+    """Return at each psnr, float64 [N], (logarithm of the least bytes of all curves, float64 [N]; index of that curve, int64
+    [N]); inf beyond all curves."""
     table = np.array([log_bytes(points, psnr) for _, points in curves])
     return table.min(axis=0), table.argmin(axis=0)
 
 
 def bd_rate_against(curves, ours):
-    """Mean difference in percent of our (bytes, PSNR) pairs from the envelope, over the common range of PSNR; None where there is
-    none. Negative: ours is smaller."""
+    """Return the mean difference in percent of our (bytes, PSNR) pairs from the envelope of curves over their common range of
+    PSNR; None without one. Negative: ours is smaller."""
     ours = front(ours)
     if not ours or not curves:
         return None
@@ -78,8 +78,8 @@ def bd_rate_against(curves, ours):
 
 
 def point_differences(curves, points, measure):
-    """For each of our points the difference in percent from the envelope at its PSNR; below the rivals' range from their smallest
-    point, None above it."""
+    """Return for each of our points the difference in percent from the envelope of curves at its PSNR; below their range from
+    their smallest point, None above it."""
     out = []
     for p in points:
         exact = p[measure] is None
@@ -89,7 +89,7 @@ def point_differences(curves, points, measure):
 
 
 def rival_records(paths):
-    """{asset: its rivals' points} of folders of records and of rows of rate_points.py."""
+    """Return {asset: [rival point]} from folders of records and from rows of rate_points.py."""
     records = {}
     for path in paths:
         for file in sorted(path.glob("*.json")) if path.is_dir() else []:
@@ -105,7 +105,7 @@ def rival_records(paths):
 
 
 def our_points(path):
-    """{asset: [{"rate", "total", "y", "rgb", "yuv"}]} of the rows of AUTO at rates r01 to r05."""
+    """Return {asset: [{"rate", "total", "y", "rgb", "yuv"}]} from the rows of group AUTO at rates r01 to r05."""
     points = defaultdict(list)
     for row in read_results(path):
         if row["group"] == AUTO and row["options"].get("rate", "r06") < "r06":
@@ -115,7 +115,7 @@ def our_points(path):
 
 
 def page(args):
-    """Lines of a table: a row per asset that both have, our points and their differences, the BD-rate; then mean and median."""
+    """Return the lines of a table: a row per asset with our points, their differences and the BD-rate; then mean and median."""
     ours, rivals, measure = our_points(args.results[0]), rival_records(args.results[1:]), args.measure
     if not set(rivals) & set(ours):
         raise SystemExit("no asset has both rival curves and points of ours")

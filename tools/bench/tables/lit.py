@@ -21,7 +21,7 @@ SIDES = "ours", "rivals"
 
 
 def read_points(path):
-    """{asset: {side: [(bytes, bytes without positions, dB of Y or None)]}}."""
+    """Read a folder of records or of rows; return {asset: {side: [(bytes, bytes without positions, dB of Y or None)]}}."""
     points = defaultdict(dict)
     if path.is_dir() and any(path.glob("*.ours.json")):
         for side in SIDES:
@@ -36,8 +36,8 @@ def read_points(path):
 
 
 def percent(ours, rivals):
-    """Bytes of ours, [(bytes, dB)], in percent of a rival's at equal quality; a sentence where there is no common range. Exact
-    pictures have no PSNR and are left out."""
+    """Return the bytes of ours, [(bytes, dB)], in percent of a rival's at equal quality; a sentence without a common range.
+    Exact pictures have no PSNR and are left out."""
     curves = [hull([point for point in side if point[1] is not None]) for side in (rivals, ours)]
     try:
         return 100 + bd_rate(*zip(*curves[0], strict=True), *zip(*curves[1], strict=True))
@@ -46,9 +46,9 @@ def percent(ours, rivals):
 
 
 def hull(points):
-    """The lower hull of (bytes, PSNR), bytes over PSNR: a curve through all that no other beats would climb every time that bits
-    which do not pay there gain a hundredth of a dB. A hull of the bytes' logarithm would promise what nobody has coded: over PSNR
-    that bends the other way."""
+    """Return the lower hull of (bytes, PSNR) points, bytes over PSNR. A curve through all points that no other beats would climb
+    whenever bits that do not pay there gain a hundredth of a dB; a hull of the logarithm of bytes, concave over PSNR, would
+    promise what nobody has coded."""
     def slope(a, b):
         return (b[0] - a[0]) / (b[1] - a[1])
 
@@ -65,7 +65,7 @@ def hull(points):
 
 
 def page(args):
-    """Lines of a table: every asset that both sides have, and the target."""
+    """Return the lines of a table: every asset that both sides have, and the target. args: of collect.py."""
     by_asset = {asset: sides for path in args.results for asset, sides in read_points(path).items()}
     lines, totals = [], []
     for asset in sorted(by_asset):

@@ -13,14 +13,14 @@ POOLED = ("pooled", "plain")
 
 
 def measures_of(rows):
-    """{name: path in metrics.json}: pooled errors, and the channels that all rows have."""
+    """Return {name: path in metrics.json} of the pooled errors and of the channels that all rows have."""
     shared = set.intersection(*({*row["maps"]["channels"]} for row in rows))
     channels = [name for name in rows[0]["maps"]["channels"] if name in shared]
     return {**{name: ("maps", name) for name in POOLED}, **{name: ("maps", "channels", name, "psnr") for name in channels}}
 
 
 def asset_table(rows):
-    """Markdown lines: a row per setting, by group and bytes."""
+    """Return the lines of a Markdown table: a row per setting, by group and bytes."""
     measures = measures_of(rows)
     angles = [name for name in measures if at(rows[0], ("maps", "channels", name, "mean_degrees")) is not None]
     head = ["", "bytes", *measures, *(f"{name}, degrees" for name in angles), "encode, s"]
@@ -34,7 +34,7 @@ def asset_table(rows):
 
 
 def difference_table(rows, anchor):
-    """Markdown lines: BD-rate in percent of each group but the anchor's against it, by measure."""
+    """Return the lines of a Markdown table: BD-rate in percent of each group against the group `anchor`, by measure."""
     measures, groups = measures_of(rows), grouped(rows)
     lines = []
     for name in (group for group in groups if group != anchor):
@@ -53,7 +53,7 @@ def _difference(anchor, rows, path):
 
 
 def page(args):
-    """Lines of the page."""
+    """Return the lines of the page. args: of collect.py."""
     rows = [row for folder in args.results for row in read_results(folder) if row.get("maps")]
     anchor = (args.against or [None])[0]
     if anchor not in grouped(rows):

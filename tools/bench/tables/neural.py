@@ -16,17 +16,17 @@ STAGES = ("design", "samples", "fit", "refine")
 
 
 def fits_of(rows):
-    """Rows of 3DNTC results, by size and then by steps."""
+    """Return the rows of 3DNTC fits, by size and then by steps."""
     return sorted((row for row in rows if at(row, FIT)), key=lambda row: (rate_of(row, "texture"), at(row, FIT)["asked_steps"]))
 
 
 def seconds_of(row):
-    """Seconds from the decoded geometry to the payload."""
+    """Return a row's seconds from the decoded geometry to the payload."""
     return sum(at(row, ("seconds", "encode", stage)) or 0 for stage in STAGES)
 
 
 def table_of(rows):
-    """Markdown lines: one per fit or rival, with all PSNRS."""
+    """Return the lines of a Markdown table: one row per fit or rival, with all PSNRS."""
     lines = []
     for row in rows:
         fit = at(row, FIT)
@@ -37,7 +37,7 @@ def table_of(rows):
 
 
 def of_equal_steps(rows):
-    """{steps: its fits, one of each size}, steps with at least two sizes; refined ones are left out."""
+    """Return {steps: its fits, one of each size} for steps with at least two sizes; refined fits are left out."""
     by_steps = {}
     for row in fits_of(rows):
         if at(row, ("facts", "refinement", "kind")) != "render":
@@ -46,7 +46,7 @@ def of_equal_steps(rows):
 
 
 def differences(ours, rivals):
-    """Markdown lines: BD-rate in percent of ours, by steps, against each group of rivals, by measure."""
+    """Return the lines of a Markdown table: BD-rates in percent of our fits, by steps, against each group of rivals."""
     lines = [[f"{steps:,}", group, *(_difference(rows, own_rows, measure) for measure in PSNRS)]
              for steps, own_rows in ours.items() for group, rows in rivals.items()]
     return markdown_table(["steps", "against", *PSNRS], lines, 2)
@@ -60,7 +60,7 @@ def _difference(rival, ours, measure):
 
 
 def curves_of(rows):
-    """{size: its fits by steps}, sizes with at least two."""
+    """Return {size: its fits by steps} for sizes with at least two."""
     sizes = {}
     for row in fits_of(rows):
         sizes.setdefault(row["setting"].split("_")[1], []).append(row)
@@ -68,7 +68,7 @@ def curves_of(rows):
 
 
 def plot(assets, path):
-    """Writes the picture of assets with a curve."""
+    """Write the plot of the assets with a curve to path."""
     drawn = {asset: curves for asset, rows in assets.items() if (curves := curves_of(rows))}
     pyplot = load_pyplot() if drawn else None
     if pyplot is None:
@@ -88,7 +88,7 @@ def plot(assets, path):
 
 
 def page(args):
-    """Lines of the page; the plot goes beside args.out."""
+    """Return the lines of the page; the plot goes beside args.out. args: of collect.py."""
     assets = {}
     for row in (row for folder in args.results for row in read_results(folder)):
         assets.setdefault(row["asset"], []).append(row)

@@ -31,7 +31,8 @@ RESIDENT = (("3DNTC", "TexF/3DNTC", (-33, -31)), ("UV-Source NTC", "NTC", (-7, -
 
 
 def differences_of(rows, group, anchor, kind="texture"):
-    """{asset: {measure: Difference}} of a group of rows against another; {} where one is not there. kind: of rate_of()."""
+    """Return {asset: {measure: Difference}} of a group of rows against another; {} if one is missing. kind: "texture" or
+    "total"."""
     groups = grouped(rows)
     if group not in groups or anchor not in groups:
         return {}
@@ -39,19 +40,19 @@ def differences_of(rows, group, anchor, kind="texture"):
 
 
 def percent(difference):
-    """A Difference as a cell."""
+    """Return a Difference as the text of a table cell."""
     return "-" if difference is None or difference.percent is None else f"{difference.percent:+.1f}"
 
 
 def mean_and_median(table, measure):
-    """Two cells over the assets of differences_of()."""
+    """Return two cells, over the assets of a dict of differences_of()."""
     values = [row[measure] for row in table.values() if measure in row]
     both = (summary(values), summary(values, np.median))
     return [f"{value:+.1f} ({count})" if value is not None else "-" for value, count in both]
 
 
 def paper_lines(rows, wanted, anchor):
-    """The rows of the paper beside ours, Markdown lines."""
+    """Return the lines of a Markdown table: the paper's BD-rates (wanted) beside ours against the group `anchor`."""
     groups = list(dict.fromkeys([*(name for name, _, _ in wanted), *grouped(rows)]))
     by_group, lines = {name: (row, figures) for name, row, figures in wanted}, []
     for group in groups:
@@ -70,7 +71,7 @@ def paper_lines(rows, wanted, anchor):
 
 
 def by_asset_lines(rows, anchor):
-    """Every group against the anchor asset by asset, by image PSNR of Y, Markdown lines."""
+    """Return the lines of a Markdown table: every group against the group `anchor`, asset by asset, in image PSNR of Y."""
     tables = {group: differences_of(rows, group, anchor) for group in grouped(rows) if group != anchor}
     assets = sorted({row["asset"] for row in rows})
     lines = [[group, *(percent(table.get(asset, {}).get(SHOWN[0])) for asset in assets)] for group, table in tables.items()]
@@ -78,8 +79,8 @@ def by_asset_lines(rows, anchor):
 
 
 def asset_lines(rows, facts):
-    """What auto does on every asset against the source's UVs with HEVC, or against vertex colours where those were run, Markdown
-    lines. facts: {asset: asset_facts()}."""
+    """Return the lines of a Markdown table: what auto does on every asset against the source's UVs with HEVC, or against vertex
+    colours if those were run. facts: {asset: asset_facts()}."""
     table = {**differences_of(rows, AUTO, ANCHOR, "total"), **differences_of(rows, AUTO, VERTEX_ANCHOR, "total")}
     rivals = grouped(rows).get(ANCHOR, {}) | grouped(rows).get(VERTEX_ANCHOR, {})
     lines = []

@@ -93,7 +93,7 @@ def _run(args):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     try:
         return _run(_arguments(arguments))
     except KeyboardInterrupt:

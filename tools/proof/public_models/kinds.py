@@ -32,14 +32,15 @@ OK, NAMED, FAULT, UNSHOWN, ERROR = "ok", "named", "FAULT", "not shown", "INTERNA
 
 
 class Unmeasured(Inside):
-    """Kinds are judged by pictures."""
+    """A Room that measures nothing, because kinds are judged by pictures."""
 
     def run(self, words, default):
         return {"exit": 0, "seconds": 0.0, "report": {"parts": [], "size": 0.0, "holds": []}, "json": "", "log": ""}
 
 
 def write_kind(label, kind, cache):
-    """(PublicModel, path without the property, path of the expected picture's file), the last two below the cache."""
+    """Write the files of a Kind below the cache; return (PublicModel, path of the file without the property, path of the file
+    with the expected picture), both relative to the cache."""
     folder = Path("files") / "kinds" / f"{re.sub(r'[^A-Za-z0-9_-]+', '_', label)}-1"
     shutil.rmtree(cache / folder, ignore_errors=True)
     like = {"model.glb": kind.expected} if kind.expected else {}
@@ -59,7 +60,7 @@ def write_kind(label, kind, cache):
 
 
 def run_kinds(form, kinds, args):
-    """[row] of {label: Kind} of a format, with pictures."""
+    """Code the kinds {label: Kind} of a format and draw them; return [row]. args: of main()."""
     rows = []
     for label, kind in kinds.items():
         entry, without, expected = write_kind(label, kind, args.cache)
@@ -72,7 +73,8 @@ def run_kinds(form, kinds, args):
 
 
 def judged(row, control, picture):
-    """The row of a kind. control, picture: what three.js shows of the expected file beside the one without, and the decoded."""
+    """Return the row of a kind with its verdict. control, picture: the facts of three.js on the expected file beside the one
+    without the property, and beside the decoded one."""
     exits, losses = [row[step]["exit"] for step in ("encode", "decode") if step in row], losses_of(row) if "decode" in row else []
     shows, decoded = (math.nan if "error" in drawn else min(least_picture(drawn), 99.0) for drawn in (control, picture))
     finite = lambda value: None if math.isnan(value) else round(value, 1)
@@ -87,7 +89,7 @@ def judged(row, control, picture):
 
 
 def main(arguments=None):
-    """Command line of the tool."""
+    """Run the tool. arguments: the words of its command line, sys.argv by default."""
     parser = argparse.ArgumentParser(prog="kinds", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cache", type=Path, default=Path("out/public_models"), metavar="DIR")
     parser.add_argument("--only", action="append", metavar="WORD", help="properties whose name holds it; repeatable")

@@ -15,8 +15,9 @@ TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 @dataclass(frozen=True)
 class Kind:
-    """One property. files: {name: bytes} of a model, the first of them, that has it; without: of one that has not; like: name of
-    the tool that shows it, "three.js", "assimp", or "construction": then expected is a GLB of the same look."""
+    """A property of models that a codec could lose. files: {name: bytes} of a model with it, itself first; without: of one
+    without it; like: the tool that shows it: "three.js", "assimp", or "construction", for which expected is a GLB that looks the
+    same."""
 
     files: dict
     without: dict
@@ -48,7 +49,8 @@ RAMP = np.linspace(0, 255, 64)
 
 
 def picture(form="PNG", mode="RGB", **options):
-    """Bytes of a picture of 64 x 64 with a colour of its own in each corner. mode: also "L", "P", "RGBA" (half of it clear)."""
+    """Return the bytes of a picture of 64 x 64 pixels with another colour in each corner. form: of Pillow; mode: also "L", "P",
+    "RGBA" (half of it clear)."""
     x, y = np.meshgrid(RAMP, RAMP)
     pixels = np.stack([x, y, 255 - x], axis=2).round().astype(np.uint8)
     if mode == "RGBA":
@@ -62,7 +64,7 @@ def picture(form="PNG", mode="RGB", **options):
 
 
 def bumps(form="PNG", kind="normals"):
-    """A normal map of waves, or their heights, as a picture's bytes."""
+    """Return the bytes of a picture of waves. kind: "normals" for a normal map, "heights" for a bump map."""
     x, y = np.meshgrid(np.arange(64), np.arange(64))
     n = np.stack([0.6 * np.sin(x * np.pi / 8), 0.4 * np.sin(y * np.pi / 16), np.ones((64, 64))], axis=2)
     n = 0.5 * (n[..., :1] + n[..., 1:2]) if kind == "heights" else n / np.linalg.norm(n, axis=2, keepdims=True)
@@ -72,7 +74,7 @@ def bumps(form="PNG", kind="normals"):
 
 
 def turned(orientation):
-    """A JPEG with an EXIF orientation."""
+    """Return the bytes of a JPEG with an EXIF orientation."""
     exif = Image.Exif()
     exif[0x0112] = orientation
     return picture("JPEG", quality=95, exif=exif)
@@ -80,7 +82,8 @@ def turned(orientation):
 
 @dataclass(frozen=True)
 class Texture:
-    """A texture of a material. sampler, source: of the glTF texture; uri: of an image that is a file; info: of its use."""
+    """A texture of a material. data, mime: of the image; sampler: of the glTF texture; extension: that names the image; uri: of
+    an image file; info: entries of its use."""
 
     data: bytes
     mime: str = "image/png"
@@ -91,7 +94,7 @@ class Texture:
 
 
 class Gltf:
-    """A glTF file grown piece by piece."""
+    """A glTF file under construction. tree: its JSON; blob: its binary chunk."""
 
     def __init__(self):
         self.blob = b""
@@ -113,7 +116,7 @@ class Gltf:
         return self.add("bufferViews", {"buffer": 0, "byteOffset": len(self.blob) - len(data), "byteLength": len(data), **more})
 
     def accessor(self, array, normalized=False, **more):
-        """Index of an accessor of an array (n,) or (n, w); rows are padded to four bytes, as vertices are."""
+        """Add an accessor of an array (n,) or (n, w) and return its index; rows are padded to four bytes, like vertices."""
         rows = array.reshape(len(array), -1)
         width = rows.shape[1]
         data = np.pad(rows.view(np.uint8), ((0, 0), (0, -rows.itemsize * width % 4))) if array.ndim > 1 else rows
@@ -128,7 +131,7 @@ class Gltf:
         return self.add("accessors", entry | ({"normalized": True} if normalized else {}))
 
     def resolved(self, item):
-        """A material with indices in place of its textures."""
+        """Add the Textures within a material and return it with their indices in place."""
         if isinstance(item, Texture):
             image = {"uri": item.uri} if item.uri else {"bufferView": self.view(item.data), "mimeType": item.mime}
             source = self.add("images", image)
@@ -146,8 +149,8 @@ class Gltf:
 
 
 def glb(material=None, attributes=None, edit=None, faces=FACES, positions=POSITIONS):
-    """The patch as a GLB. material: of its glTF, with Textures; attributes: {name: array, or (array, normalized)} beside POSITION
-    (default: NORMAL and TEXCOORD_0); edit: (Gltf) -> None, at the end; faces: None for a patch without indices."""
+    """Return a GLB of the patch. material: of glTF, with Textures; attributes: {name: array, or (array, normalized)} beside
+    POSITION (default: NORMAL and TEXCOORD_0); edit(Gltf): a last change; faces: None for a patch without indices."""
     g = Gltf()
     primitive = g.tree["meshes"][0]["primitives"][0]
     named = {"POSITION": positions, **({"NORMAL": NORMALS, "TEXCOORD_0": UVS} if attributes is None else attributes)}
@@ -177,12 +180,12 @@ def base(**pbr):
 
 
 def coloured(texture=None, **more):
-    """A material with a base colour texture."""
+    """Return a glTF material with a base colour texture. more: its other entries."""
     return {**base(baseColorTexture=texture or Texture(picture())), **more}
 
 
 def ext(name, **value):
-    """An entry with an extension."""
+    """Return a glTF entry with an extension. value: the entries of the extension."""
     return {"extensions": {name: value}}
 
 

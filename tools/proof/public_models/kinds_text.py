@@ -20,7 +20,8 @@ def _rows(word, values):
 
 
 def obj(faces="{0}/{0}/{0}", head="mtllib a.mtl\n", use="usemtl m\n", colours=None, uvs=UVS, normals=NORMALS, between=""):
-    """The patch as an OBJ file of quads. faces: of a corner, with {0} for its number from 1; between: lines in its middle."""
+    """Return the patch as an OBJ file of quads. faces: format of a corner, with {0} for its number from 1; head, use: lines that
+    name the material library and material; between: lines in the middle of the faces."""
     positions = POSITIONS if colours is None else np.hstack([POSITIONS, colours])
     lines = ["f " + " ".join(faces.format(i + 1, i - len(POSITIONS)) for i in quad) + "\n" for quad in QUADS]
     half = len(lines) // 2
@@ -103,8 +104,8 @@ def obj_kinds():
 
 
 def ply(columns, form="ascii", faces=None, face="property list uchar int vertex_indices", comment=""):
-    """The patch as a PLY file. columns: [(names of properties, type, (n, .) array)] of vertices; faces: rows, each a list of
-    lists or scalars in the order of `face`, which is their properties."""
+    """Return the patch as a PLY file. columns: [(names of properties, type, array (n, .))] of vertices; faces: rows, each of
+    lists or scalars in the order of the properties in `face`."""
     faces = [[quad] for quad in QUADS] if faces is None else faces
     kinds = {"float": "f4", "double": "f8", "uchar": "u1", "ushort": "u2", "int": "i4", "char": "i1", "short": "i2"}
     names = "".join(f"property {of} {name}\n" for words, of, _ in columns for name in words.split())
@@ -208,7 +209,8 @@ def _source(name, values, words):
 
 
 def dae(look=WHITE_LOOK, shading="lambert", asset="<up_axis>Y_UP</up_axis>", images="", params="", node="", after="", **more):
-    """The patch as a COLLADA file. more: extra (of the profile), colours, normals, uv_set, bind, shape (of the triangles)."""
+    """Return the patch as a COLLADA file. look, shading: of the material; other arguments: pieces of XML in place. more: extra
+    (of the profile), colours, normals, uv_set, bind, shape (of the triangles)."""
     uvs, normals = more.get("uvs", UVS), more.get("normals", NORMALS)
     flip = np.column_stack([uvs[:, 0], 1 - uvs[:, 1]])
     sources = _source("p", POSITIONS, "XYZ") + _source("n", normals, "XYZ") + _source("t", flip, "ST")

@@ -22,7 +22,7 @@ LARGEST = 24 << 20  # bytes of a model's own file; larger ones take minutes each
 
 @dataclass(frozen=True)
 class PublicModel:
-    """One model. name: unlike any other's, PACKAGE/PATH; package, model: its rows of the list."""
+    """A model of the list. name: PACKAGE/PATH, unique; package, model: its two rows of the list."""
 
     name: str
     package: dict
@@ -33,21 +33,21 @@ class PublicModel:
         return PurePosixPath(self.model["path"]).suffix.lower()
 
     def folder(self, cache):
-        """The folder of its package's unpacked models."""
+        """Return the folder below the cache with the unpacked models of its package."""
         return cache / "files" / self.package["kind"] / f"{self.package['name'].replace('/', '__')}-{self.package['version']}"
 
     def path(self, cache):
-        """Where it lies once its package has been fetched."""
+        """Return the model's path below the cache, where it is once its package has been fetched."""
         return self.folder(cache) / self.model["path"]
 
 
 def read_list(path=LIST):
-    """[package row] of the list."""
+    """Return the package rows of the list."""
     return json.loads(path.read_text(encoding="utf-8"))["packages"]
 
 
 def write_list(packages, path=LIST):
-    """Writes the list, a model a line, so that differences are readable."""
+    """Write the list, one model per line, so that differences are readable. packages: its rows."""
     lines = []
     for package in sorted(packages, key=lambda row: (row["kind"], row["name"])):
         head = json.dumps({key: value for key, value in package.items() if key != "models"})
@@ -57,15 +57,15 @@ def write_list(packages, path=LIST):
 
 
 def entries_of(packages):
-    """[PublicModel] of package rows, shuffled by their hashes, so that the first N are a fair sample."""
+    """Return the PublicModels of package rows, sorted by their hashes, so that the first N are a fair sample."""
     entries = [PublicModel(f"{package['name']}/{model['path']}", package, model) for package in packages
                for model in package["models"]]
     return sorted(entries, key=lambda entry: (entry.model["sha256"], entry.name))
 
 
 def add_package(text, cache, packages, number=1, largest=LARGEST):
-    """The package rows with another, or that one anew. text: KIND:NAME:VERSION:MOST, where MOST models at most are taken, spread
-    evenly over formats and sizes; number: of the round; largest: bytes of a model."""
+    """Return the package rows with one more, or with that one replaced. text: KIND:NAME:VERSION:MOST, where at most MOST models
+    are taken, evenly over formats and sizes; number: of the round; largest: bytes of a model."""
     if not (match := re.fullmatch(r"(\w+):(.+?):(.+):(\d+)", text)):
         raise SystemExit(f"--add takes KIND:NAME:VERSION:MOST, not {text!r}")
     kind, name, version, most = match.groups()

@@ -33,9 +33,9 @@ SAME = 6.0  # levels of 255 by which the source may differ from itself at a poin
 
 
 def compare(source, mesh):
-    """[{"material", "share", "points", "rgb", "y", "alpha", "ambiguous"}] of two Scenes. rgb and y: dB, None where exact; points:
-    that count, 0 where none can be seen or trusted, and then rgb and y are missing; alpha: the mean error, 0..1; share: of the
-    whole area; ambiguous: share of points at which the source contradicts itself."""
+    """Compare two Scenes by material; return [{"material", "share", "points", "rgb", "y", "alpha", "ambiguous"}]. rgb, y: PSNR
+    in dB, None if exact; points: that count; with 0, none being visible or reliable, rgb and y are missing; alpha: mean error
+    0..1; share: of the area; ambiguous: share of points at which the source contradicts itself."""
     areas = relative_areas(source.positions, source.faces)
     by_material = np.bincount(source.face_material, areas, len(source.materials))
     total, parts = by_material.sum(), []
@@ -98,7 +98,7 @@ def _error(wanted, got, weights):
 
 
 def measured(source, mesh):
-    """What the two files are like beside each other. source, mesh: paths."""
+    """Return the differences of two files, a source and a decoded mesh: parts (of compare()), faces, size, and what was lost."""
     scene, decoded = load(source), load(mesh)
     boxes = [np.ptp(side.positions[side.faces.ravel()], axis=0) for side in (scene, decoded)]
     size = float(np.abs(boxes[0] - boxes[1]).max() / max(boxes[0].max(), 1e-300))

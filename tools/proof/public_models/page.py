@@ -44,13 +44,13 @@ def _table(head, rows, rule):
 
 
 def decibels_of(row):
-    """dB of a row's pair of pictures, None where it has none."""
+    """Return the least PSNR in dB of a row's pictures; None without pictures."""
     shown = row.get("picture")
     return least_picture(shown) if shown and "error" not in shown else None
 
 
 def page_of(rows, kinds, ladders, packages):
-    """The page. rows: of models, with pictures; kinds, ladders: rows of these; packages: number of them."""
+    """Return the Markdown page. rows: of models, with pictures; kinds, ladders: rows of these runs; packages: their number."""
     pairs = [row for row in rows if decibels_of(row) is not None]
     lead = HEAD.format(made=made_on(), models=len(rows), packages=packages, pairs=len(pairs),
                        fast=sum("fast" in row.get("flags", ()) for row in rows),

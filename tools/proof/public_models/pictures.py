@@ -17,8 +17,8 @@ WORST = 20  # pairs of the sheet "worst"
 
 
 def draw(rows, count, cache, rows_file):
-    """Rows with what three.js shows of `count` of them, evenly spread over those that were decoded. Sheets go to a folder of
-    the cache, the worst pairs once more to its folder "worst", and rows with pictures to the file. Raises SystemExit where
+    """Draw `count` of the decoded models with three.js, evenly spread, and return rows with their pictures' facts. Sheets go to
+    a folder of the cache, the worst pairs also to its folder "worst", and rows with pictures to rows_file. Raises SystemExit if
     nothing can be drawn."""
     out = cache / f"pictures-{rows_file.stem}"
     drawable = [row for row in rows if "measure" in row and not row["name"].lower().endswith(".off")]
@@ -40,7 +40,7 @@ def draw(rows, count, cache, rows_file):
 
 
 def pair_of(row):
-    """What pictures.mjs takes of a row, with what the encoder remarks of colours and units."""
+    """Return the job of a row for pictures.mjs: its files, a caption, and the encoder's remarks on colours and units."""
     remarks = " ".join(row["encode"]["report"].get("remarks", []))
     unit, worst = re.search(r"a unit of (\S+) m\b", remarks), worst_rgb(row)
     text = "not measured" if worst != worst else in_decibels(worst)
@@ -49,7 +49,7 @@ def pair_of(row):
 
 
 def draw_pairs(pairs, cache, out):
-    """[what three.js shows] of [{"source", "mesh", "text"}], paths below the cache; sheets go to a folder."""
+    """Draw [{"source", "mesh", "text"}], paths relative to the cache, with three.js; return their facts. Sheets go to out."""
     modules = node_modules(cache)
     if modules is None:
         raise SystemExit("nothing can be drawn: npm could not install three.js")

@@ -4,7 +4,7 @@ import json
 
 
 def read_rows(path):
-    """[row] of a file, in the order of their first line; none where it is not there. A line that was cut off is passed over."""
+    """Return the rows of a file of JSON lines, of each name the last; [] without the file. Truncated lines are skipped."""
     rows = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         try:
@@ -16,14 +16,14 @@ def read_rows(path):
 
 
 def add_row(path, row):
-    """Appends a row."""
+    """Append a row to a file of JSON lines."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(row, allow_nan=False) + "\n")
 
 
 def strict_json(text):
-    """The JSON object of a text, or a sentence about why it is none: NaN and Infinity are not JSON."""
+    """Return the JSON object of a text, or a sentence if it is not one: NaN and Infinity are not JSON."""
 
     def refuse(name):
         raise ValueError(f"{name} is not JSON")

@@ -29,7 +29,7 @@ NODE_PACKAGES = {"gltf-validator": "2.0.0-dev.3.10", "three": "0.187.0", "playwr
 
 
 def run_all(entries, args, rows_file):
-    """A row for each of the models, as it ends."""
+    """Code, decode and measure models in child processes; append the row of each to rows_file as it ends."""
     old = {(row["name"], row["sha256"]) for row in read_rows(rows_file)} if args.keep_old else set()
     todo = [entry for entry in entries if (entry.name, entry.model["sha256"]) not in old]
     modules, lock, children, out = node_modules(args.cache), threading.Lock(), Children(), args.cache / "coded" / rows_file.stem
@@ -56,7 +56,7 @@ def run_all(entries, args, rows_file):
 
 
 def node_modules(cache):
-    """The folder below which node finds the validator and what draws pictures, installed by npm; None where that fails."""
+    """Return the folder below which node finds the glTF validator and three.js, installed by npm; None if that fails."""
     folder = cache / "node"
     if not all((folder / "node_modules" / name).is_dir() for name in NODE_PACKAGES):
         folder.mkdir(parents=True, exist_ok=True)
@@ -70,7 +70,8 @@ def node_modules(cache):
 
 
 def code_model(entry, args, modules, out, room_in):
-    """The row of a model. out: folder for streams and meshes; room_in: folder -> Room, or what runs the steps in its place."""
+    """Encode, decode, validate and measure a model; return its row. out: folder for streams and meshes; room_in(folder): gives
+    the Room, or a substitute, that runs the steps."""
     out = out / entry.package["name"].replace("/", "__")
     out.mkdir(parents=True, exist_ok=True)
     stem = re.sub(r"[^\w.-]", "_", entry.model["path"])
@@ -116,7 +117,7 @@ def _answer(begin, code, text, log, default):
 
 
 class Room:
-    """A folder for what processes say, and their caps."""
+    """A folder for the output of child processes, and their limits of time and memory."""
 
     def __init__(self, folder, args, children):
         self.folder, self.children, self.seconds, self.memory = folder, children, args.seconds, args.memory

@@ -41,7 +41,7 @@ Scratch = namedtuple("Scratch", "tree q predicted shift flags sums values f halv
 
 
 def new_scratch(components: int) -> Scratch:
-    """An uninitialised Scratch."""
+    """Return a Scratch, the arrays in which kernels code one block, uninitialised."""
     whole = [(15,), (SPLITS, components), (8, components), (components,), (2,), (6,), (15, components), (FEATURES,), (15,),
              *4 * [(SPLITS, components)], (components,), (8, 4)]
     real = [(8, components), (SPLITS, components), (15,)]

@@ -58,9 +58,10 @@ DctScratch = namedtuple("DctScratch", "q west north beside rows sums")
 
 
 def jpeg_likeness(keys: np.ndarray, values: np.ndarray) -> float:
-    """Number of coefficients of complete squares of magnitude 1 to 2 per coefficient below 1. A JPEG file's rounding leaves none
-    between its steps and 0: the result is 0 to 0.1 on textures that were JPEG, 0.05 to 1 on others, and infinite if there are
-    hardly any complete squares. values: int32 [N] on ascending planar keys int64 [N]."""
+    """Return how little the texels of an image look like decoded JPEG. The measure: of the DCT coefficients of complete 8x8
+    squares, the number of magnitude 1 to 2 per coefficient below 1. A JPEG file's rounding leaves none between its steps and 0:
+    the result is 0 to 0.1 on textures that were JPEG, 0.05 to 1 on others, and infinite if there are hardly any complete
+    squares. values: int32 [N] on ascending planar keys int64 [N]."""
     square = keys >> 3 * UP
     first = np.flatnonzero(square[: 1 - SIZE] == square[SIZE - 1 :])
     if len(first) < LEAST_SQUARES:
@@ -78,20 +79,20 @@ def new_dct_model() -> Model:
 
 
 def new_dct_scratch(components: int) -> DctScratch:
-    """An uninitialised DctScratch."""
+    """Return a DctScratch, the arrays in which kernels code one 8x8 block, uninitialised."""
     zeros = lambda *shape: np.zeros(shape, np.int64)
     return DctScratch(zeros(components, SIZE), zeros(8), zeros(8), zeros(3), np.zeros((8, 8)), zeros(8, 8))
 
 
 def no_dct_blocks(components: int) -> DctBlocks:
-    """DctBlocks of a level that has none."""
+    """Return empty DctBlocks, for a level that has none."""
     return DctBlocks(np.zeros(0, np.uint8), np.zeros(0, np.int64), np.zeros((0, components), np.int32),
                      np.zeros((0, components, SIZE), np.int8), np.zeros((0, components), np.uint8))
 
 
 def dct_blocks(levels: list[Level], depth: int, components: int, above: DctBlocks) -> tuple[DctBlocks, int]:
-    """(DctBlocks of the nodes at `depth`; number of texels of each of their children, 0 if no node is whole). above: DctBlocks of
-    the level above."""
+    """Find which octree nodes are 8x8 blocks that are coded by DCT, or parts of such: (DctBlocks of the nodes at `depth`; number
+    of texels of each of their children, 0 if no node is whole). above: DctBlocks of the level above."""
     up, weight = len(levels) - 1 - depth, levels[depth].weight
     if up > UP or len(levels) <= UP:
         return no_dct_blocks(components), 0

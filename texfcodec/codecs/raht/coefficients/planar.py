@@ -16,7 +16,8 @@ WEST, NORTH, NORTH_WEST, NORTH_EAST, SOUTH_WEST = COLUMNS[1, [4, 10, 1, 19, 7]].
 
 
 def new_kept(nodes: int, components: int, planar: int) -> np.ndarray:
-    """Coefficients of blocks, kept for later blocks: zeros int8 [nodes, 3, C], no rows if the support is not planar."""
+    """Return zeros int8 [nodes, 3, C], where kernels keep each block's coefficients as context of later blocks; no rows if the
+    support is not planar."""
     return np.zeros((nodes if planar else 0, len(PLANAR_NODES), components), np.int8)
 
 

@@ -40,8 +40,8 @@ Values = namedtuple("Values", "x original y k cross order delta")
 
 @dataclass
 class ResidualPlan:
-    """The encoder's target. delta: largest error per value; original: uint8 [N, C]; inverse: function from means to values
-    (7.8)."""
+    """The values that residuals after the transform must reach, within an error. delta: largest error per value; original: uint8
+    [N, C]; inverse: function from means to values (7.8)."""
 
     delta: int
     original: np.ndarray = field(repr=False)
@@ -49,7 +49,7 @@ class ResidualPlan:
 
 
 def component_order(components: int) -> np.ndarray:
-    """Components of a voxel in coding order: green first, because it predicts the others best."""
+    """Return the numbers of a voxel's components in coding order: green first, because it predicts the others best."""
     return np.array([1, 0, 2] if components == 3 else range(components), np.int64)
 
 
@@ -202,8 +202,9 @@ def _cross_sums(begin, stop, table, first_child, occupancy, planar, x, original,
 
 def fit_cross(level: Level, table: np.ndarray, planar: int, x: np.ndarray, original: np.ndarray, ranges: list,
               run: Callable) -> list[int]:
-    """residual_cross [C], by least squares over the field. level, table: of the voxels' parents; planar: as in Nodes; ranges: of
-    parents, by slice."""
+    """Return by least squares how much of the first component's residual each component's prediction takes over: residual_cross
+    [C]. level, table: Level and neighbour table of the voxels' parents; planar: as in Nodes; x: values before the residuals,
+    original: their target, uint8 [N, C]; ranges: of parents, by slice; run: runs a list of jobs."""
     order, none = component_order(x.shape[1]), np.zeros(x.shape, np.int16)
     products = np.zeros((len(ranges), x.shape[1]), np.int64)
     run([partial(_cross_sums, *parents, table, level.first_child, level.occupancy, planar, x, original, none, order, row)
@@ -217,8 +218,9 @@ def fit_cross(level: Level, table: np.ndarray, planar: int, x: np.ndarray, origi
 
 def code_residuals(coders: Sequence[Callable], level: Level, table: np.ndarray, planar: int, ranges: list, x: np.ndarray,
                    delta: int, cross: Sequence[int], original: np.ndarray, run: Callable) -> np.ndarray:
-    """Codes or decodes the residuals of all slices. Returns the values uint8 [N, C]. coders: for each slice a function of (walk,
-    number of residuals) that calls walk(encoding, Coder, model); original: the values to code, or x when decoding."""
+    """Code or decode the residuals of all slices and return the corrected values uint8 [N, C]. coders: for each slice a function
+    of (walk, number of residuals) that calls walk(encoding, Coder, model); x: values before the residuals; delta: largest error;
+    cross: residual_cross; original: the target, or x when decoding; the rest as in fit_cross()."""
     first_child = level.first_child
     assert first_child is not None
     nodes = Nodes(first_child, level.occupancy, level.weight, table, planar)

@@ -44,7 +44,8 @@ STRETCH = (np.searchsorted(SQUASH, 16 * np.arange(4096) + 8).clip(0, 2 * LIMIT) 
 
 
 def new_model(contexts: int, weight_sets: int, refinement_sets: int) -> Model:
-    """Model in its initial state."""
+    """Return the adaptive Model of a codeword in its initial state, with so many contexts, sets of mixing weights, and sets of
+    refinement of the mixed probability."""
     weights = np.full((weight_sets, MAX_MODELS + 1), FIRST_WEIGHT, np.int64)
     weights[:, MAX_MODELS] = 0
     points = SQUASH[np.minimum(256 * np.arange(REFINEMENT_POINTS), 2 * LIMIT)].astype(np.int64) << (PROBABILITY_BITS - 16)
@@ -57,7 +58,7 @@ def new_chosen() -> Chosen:
 
 
 def copy_model(model: Model) -> Model:
-    """An independent copy."""
+    """Return an independent copy of a model, to code again from its state."""
     return Model(*(a.copy() for a in model))
 
 

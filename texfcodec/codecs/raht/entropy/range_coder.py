@@ -152,7 +152,8 @@ def _finish(state, out):
 
 
 def finish(state: np.ndarray, out: np.ndarray) -> bytes:
-    """Ends a codeword. Returns its bytes in out without trailing zeros (the decoder reads zeros past the end)."""
+    """End a codeword and return its bytes, those in out, without trailing zeros (the decoder reads zeros past the end). state:
+    of the encoder."""
     _finish(state, out)
     if state[FULL]:
         raise OverflowError("range coder output buffer is full")
@@ -160,7 +161,8 @@ def finish(state: np.ndarray, out: np.ndarray) -> bytes:
 
 
 def new_decoder(data: np.ndarray, begin: int, end: int) -> np.ndarray:
-    """State of a decoder for the codeword data[begin:end] (uint8); CODE already holds its first four bytes."""
+    """Return the state of a decoder at the begin of the codeword data[begin:end], uint8; CODE already holds its first four
+    bytes."""
     state = np.zeros(6, np.int64)
     head = bytes(data[begin : min(end, begin + START_BYTES)]).ljust(START_BYTES, b"\0")
     state[CODE] = min(int.from_bytes(head, "big"), 0xFFFFFFFE)  # below RANGE, where it then stays

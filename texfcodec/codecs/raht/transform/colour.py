@@ -11,7 +11,7 @@ _FORWARD = ((0.2126, 0.7152, 0.0722), (-0.2126 / 1.8556, -0.7152 / 1.8556, 0.5),
 
 
 def forward_colour(rgb: np.ndarray) -> np.ndarray:
-    """Encoder's side: int32 [N, 3] Y, Cb, Cr with 12 fractional bits. rgb: [N, 3] in 0..255.
+    """Convert RGB to Y, Cb, Cr (BT.709), int32 [N, 3] with 12 fractional bits, at the encoder. rgb: [N, 3] in 0..255.
 
     It works element by element, without a matrix product: no linear-algebra library may determine the last bit of a stream.
     """
@@ -34,17 +34,20 @@ def _inverse_colour(means, rgb):
 
 
 def inverse_colour(means: np.ndarray) -> np.ndarray:
-    """Decoder's side (spec 7.8.2): uint8 [N, 3] RGB. means: int32 [N, 3], 12 fractional bits."""
+    """Convert decoded Y, Cb, Cr to RGB at the decoder (spec 7.8.2), rounded and clipped to uint8 [N, 3]. means: int32 [N, 3], 12
+    fractional bits."""
     rgb = np.empty(means.shape, np.uint8)
     _inverse_colour(means, rgb)
     return rgb
 
 
 def forward_plain(values: np.ndarray) -> np.ndarray:
-    """TRANSFORM_NONE, encoder's side: [N, C] in 0..255 to int32 with 12 fractional bits."""
+    """Convert values without a colour transform (TRANSFORM_NONE) to int32 with 12 fractional bits, at the encoder. values: [N,
+    C] in 0..255."""
     return np.asarray(values).astype(np.int32) << VALUE_FRACTION
 
 
 def inverse_plain(means: np.ndarray) -> np.ndarray:
-    """TRANSFORM_NONE, decoder's side: int32 [N, C] to uint8."""
+    """Round and clip decoded values without a colour transform (TRANSFORM_NONE) to uint8 [N, C], at the decoder. means: int32
+    [N, C], 12 fractional bits."""
     return np.clip((means + (1 << (VALUE_FRACTION - 1))) >> VALUE_FRACTION, 0, 255).astype(np.uint8)

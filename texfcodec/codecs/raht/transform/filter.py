@@ -21,15 +21,15 @@ LIMIT_SHIFT = 2  # differences are limited to a quarter of a step
 
 @dataclass
 class FilterStage:
-    """One stage. mask: bit class * C + component is set if that pair has coefficients; coefficients: int64 [CLASSES, C, RINGS or
-    PLANAR_TAPS], zero elsewhere."""
+    """Coefficients of one stage of the filter after decoding (7.7). mask: bit class * C + component is set if that pair has
+    coefficients; coefficients: int64 [CLASSES, C, RINGS or PLANAR_TAPS], zero elsewhere."""
 
     mask: int
     coefficients: np.ndarray = field(repr=False)
 
 
 def stage_of(mask: int, taps: Sequence[int], components: int) -> FilterStage:
-    """FilterStage from the syntax elements of clause 5.7.3."""
+    """Build the FilterStage from the syntax elements of clause 5.7.3. mask: filter_mask; taps: filter_coefficients."""
     of_each = len(taps) // mask.bit_count() if mask else RINGS
     flat = np.zeros((CLASSES * components, of_each), np.int64)
     flat[[i for i in range(CLASSES * components) if mask >> i & 1]] = np.reshape(taps, (-1, of_each))
@@ -37,13 +37,14 @@ def stage_of(mask: int, taps: Sequence[int], components: int) -> FilterStage:
 
 
 def taps_of(stage: FilterStage) -> list[int]:
-    """The coefficients of a stage in stream order."""
+    """Return the coefficients of a stage in stream order, filter_coefficients."""
     flat = stage.coefficients.reshape(-1, stage.coefficients.shape[2])
     return [int(v) for i in range(len(flat)) if stage.mask >> i & 1 for v in flat[i]]
 
 
 def rings_of(octree: Octree) -> VoxelRings | TexelRings:
-    """Rings of the last level, cached in the octree. The octree has at least two levels."""
+    """Return the neighbourhoods that the filter reads, in rings around each voxel or texel, cached in the octree. The octree has
+    at least two levels."""
     if octree.rings is None:
         octree.rings = (TexelRings(octree.keys) if octree.planar
                         else VoxelRings(octree.levels[-2], octree.table(len(octree.levels) - 2)))
@@ -56,7 +57,8 @@ def _pieces(rings):
 
 def apply_stage(stage: FilterStage, rings: VoxelRings | TexelRings, mean: np.ndarray, steps: np.ndarray,
                 run: Callable) -> np.ndarray:
-    """Applies one stage to all voxels: int32 [N, C]. rings: of the voxels; steps: int64 [C]; run: runs a list of jobs."""
+    """Filter the decoded means of all voxels or texels by one stage: int32 [N, C]. rings: of rings_of(); mean: int32 [N, C];
+    steps: int64 [C], quantiser steps; run: runs a list of jobs."""
     if not stage.mask:
         return mean
     filtered = np.empty_like(mean)
@@ -84,8 +86,8 @@ def _solve(products, targets):
 
 def fit_stage(rings: VoxelRings | TexelRings, mean: np.ndarray, original: np.ndarray, steps: np.ndarray, lagrangian: float,
               run: Callable) -> FilterStage | None:
-    """The stage that brings mean nearest to original, both int32 [N, C]; None if no coefficients are worth their bits. rings: of
-    the voxels; steps: int64 [C]; lagrangian: bits per squared step."""
+    """Fit the stage that brings mean nearest to original, both int32 [N, C]; None if no coefficients are worth their bits.
+    rings: of rings_of(); steps: int64 [C], quantiser steps; lagrangian: bits per squared step; run: runs a list of jobs."""
     components, taps, pieces = mean.shape[1], rings.taps, _pieces(rings)
     parts = [(np.zeros((CLASSES, components, taps, taps)), np.zeros((CLASSES, components, taps))) for _ in pieces]
     factors = (1 << 32) // int(steps[0]), steps >> LIMIT_SHIFT, original

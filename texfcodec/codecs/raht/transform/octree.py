@@ -22,8 +22,9 @@ NEIGHBOUR_STEPS = np.array((1, 3))
 
 @dataclass
 class Level:
-    """One level. first_child: int64 [n + 1]; occupancy: uint8 [n]; octant: uint8 [n] (place in the parent); weight: int64 [n]
-    (voxels below the node). The voxel level has no children: first_child and occupancy are None."""
+    """The nodes of one octree level, in Morton order. first_child: int64 [n + 1]; occupancy: uint8 [n]; octant: uint8 [n] (place
+    in the parent); weight: int64 [n] (voxels below the node). The voxel level has no children: first_child and occupancy are
+    None."""
 
     octant: np.ndarray
     weight: np.ndarray
@@ -59,7 +60,8 @@ def _parents(keys, weight, parent_keys, first_child, occupancy, parent_weight):
 
 
 def build_octree(keys: np.ndarray, depth: int) -> list[Level]:
-    """Levels 0..depth over ascending unique Morton keys (int64 [N], N >= 1), voxel weight 1."""
+    """Build the octree over cells and return its Levels 0 (root) to depth. keys: int64 [N], N >= 1, ascending unique Morton
+    keys; each counts as weight 1."""
     level = Level((keys & 7).astype(np.uint8), np.ones(len(keys), np.int64))
     levels = [level]
     for _ in range(depth):
@@ -143,7 +145,7 @@ def _neighbours(first_child, occupancy, parent_table, begin, end, planar, table)
 
 
 def new_table(nodes: int, planar: int) -> np.ndarray:
-    """An empty neighbour table: int32 [nodes, 27], or [nodes, 9] if planar."""
+    """Return a table of each node's neighbours in which all are absent, -1: int32 [nodes, 27], or [nodes, 9] if planar."""
     return np.full((nodes, NEIGHBOURS // NEIGHBOUR_STEPS[planar]), -1, np.int32)
 
 
@@ -159,8 +161,8 @@ class Octree:
         self._tables = {0: root}  # by depth; threads that make one at the same time make the same
 
     def table(self, depth: int, ranges: list[tuple[int, int]] | None = None, run: Callable | None = None) -> np.ndarray:
-        """Neighbour table of the nodes at `depth`. ranges: node ranges one level above, one job each; run: runs a list of
-        jobs."""
+        """Return the table of the neighbours of each node at `depth`, as new_table() has it, computed at first access. ranges:
+        ranges of nodes one level above, one job each; run: runs a list of jobs."""
         if depth not in self._tables:
             level, above, table = self.levels[depth - 1], self.table(depth - 1), new_table(len(self.levels[depth]), self.planar)
             job = lambda b, e: lambda: _neighbours(level.first_child, level.occupancy, above, b, e, self.planar, table)

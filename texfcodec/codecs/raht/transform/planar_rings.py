@@ -152,7 +152,7 @@ def _scratch(components):
 
 
 class TexelRings:
-    """Rings of texels. keys: int64 [N], their ascending Morton keys, z = 0."""
+    """Texels around each texel, which the filter reads. keys: int64 [N], their ascending Morton keys, z = 0."""
 
     taps, pieces = PLANAR_TAPS, SQUARES
 
@@ -170,9 +170,11 @@ class TexelRings:
         self.size, self.around = len(squares), (keys, np.append(first, len(keys)), near)
 
     def filter(self, begin: int, end: int, mean: np.ndarray, *arguments: Any) -> None:
-        """Filters squares begin..end-1. arguments: the remaining ones of _filter."""
+        """Filter the texels of squares begin..end-1 (aligned squares of texels, in Morton order). mean: int32 [N, C], decoded;
+        arguments: inverse, limits, coefficients and filtered of _filter, the last of which receives the result."""
         _filter(begin, end, *self.around, mean, *arguments, *_scratch(mean.shape[1]))
 
     def statistics(self, begin: int, end: int, mean: np.ndarray, *arguments: Any) -> None:
-        """Adds the sums of squares begin..end-1. arguments: the remaining ones of _statistics."""
+        """Add what a fit of coefficients needs of squares begin..end-1 to the sums products and targets. mean: int32 [N, C],
+        decoded; arguments: inverse, limits, original, products and targets of _statistics."""
         _statistics(begin, end, *self.around, mean, *arguments, *_scratch(mean.shape[1]))

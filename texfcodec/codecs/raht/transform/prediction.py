@@ -29,7 +29,8 @@ Means = namedtuple("Means", "parent child")
 
 
 def inverse_range(colour_range: int, step: int) -> int:
-    """Factor from a colour difference to 2**28 entries of FALLOFF; 0 if colour has no influence."""
+    """Return the factor from a colour difference to an index into FALLOFF, the weights of predicting nodes, with 28 fractional
+    bits; 0 if colour has no influence. colour_range: syntax element, in units of step, the quantiser's."""
     return (1 << 32) // (colour_range * step) if colour_range else 0
 
 

@@ -14,7 +14,7 @@ STEP_TABLE = (2580, 2896, 3251, 3649, 4096, 4598)
 
 
 def step_of(qp: int) -> int:
-    """Quantiser step of a QP in 0..63, with 12 fractional bits; below 2**22."""
+    """Return the quantiser's step of a QP in 0..63, with 12 fractional bits; below 2**22."""
     return STEP_TABLE[qp % 6] << (qp // 6)
 
 

@@ -105,7 +105,8 @@ def _statistics(begin, end, table, first_child, occupancy, mean, inverse, limits
 
 
 class VoxelRings:
-    """Rings of voxels. level, table: of their parents."""
+    """Voxels around each voxel, in rings by distance, which the filter reads. level, table: Level and neighbour table of the
+    voxels' parents."""
 
     taps, pieces = RINGS, CHUNK
 
@@ -113,9 +114,11 @@ class VoxelRings:
         self.size, self.around = len(level), (table, level.first_child, level.occupancy)
 
     def filter(self, begin: int, end: int, *arguments: Any) -> None:
-        """Filters the children of parents begin..end-1. arguments: the remaining ones of _filter."""
+        """Filter the voxels whose parents are begin..end-1. arguments: mean (decoded), inverse, limits, coefficients and
+        filtered of _filter, the last of which receives the result."""
         _filter(begin, end, *self.around, *arguments)
 
     def statistics(self, begin: int, end: int, *arguments: Any) -> None:
-        """Adds the sums of the children of parents begin..end-1. arguments: the remaining ones of _statistics."""
+        """Add what a fit of coefficients needs of the voxels whose parents are begin..end-1 to the sums products and targets.
+        arguments: mean (decoded), inverse, limits, original, products and targets of _statistics."""
         _statistics(begin, end, *self.around, *arguments)

@@ -1,0 +1,185 @@
+/** expand(): a GLB with coded primitives -> an ordinary GLB, for hosts that have no plug-in. */
+
+import {Added, entryOf, inflated, invalid, NAME, wellFormed, within, without} from './accessors.js';
+import {isContainer, unfold} from './container.js';
+import {decode, TexfError} from './index.js';
+import {pngOf} from './png.js';
+
+const MAGIC = 0x46546C67, JSON_CHUNK = 0x4E4F534A, BINARY_CHUNK = 0x004E4942, ALIGNMENT = 8;
+const MESHOPT = ['EXT_meshopt_compression', 'KHR_meshopt_compression'];
+const INSTANCES = 'EXT_mesh_gpu_instancing';
+/** Extensions whose references to accessors, bufferViews and textures are known here, or that have none. */
+const KNOWN = ['KHR_materials_', 'KHR_texture_', 'EXT_texture_', 'KHR_xmp', 'KHR_lights_', 'KHR_animation_pointer', 'KHR_node_', 'KHR_draco_mesh_compression',
+  'KHR_mesh_quantization', 'MSFT_texture_dds', 'MSFT_lod', INSTANCES, NAME, ...MESHOPT];
+
+/**
+ * An ordinary GLB of one whose primitives are coded by TEXF_stream: accessors, PNG images, and all else as it was.
+ *
+ * @param {ArrayBuffer} file stays as it is
+ * @param {{decoder?: {decode: typeof decode}|null, limits?: import('./index.js').Limits, signal?: AbortSignal}} [options]
+ * @returns {Promise<ArrayBuffer>} the file itself if it has no coded primitives; rejected with a TexfError, whose code is 'unsupported'
+ *   if a field over voxels needs an atlas, which texf-dec makes
+ */
+export function expand(file, {decoder = null, limits = {}, signal} = {}) {
+  return wellFormed(() => expanded(file, (stream) => (decoder ?? {decode}).decode(stream, {limits, signal})));
+}
+
+/** @param {ArrayBuffer} file @param {(stream: Uint8Array) => Promise<import('./index.js').Asset>} decoded */
+async function expanded(file, decoded) {
+  const {root, binary} = readGlb(file);
+  if (!isContainer(root)) return file;
+  const source = new Source(root, binary), before = held(root);
+  const hasUnknown = (root.extensionsUsed ?? []).some((/** @type {any} */ name) => !KNOWN.some((known) => String(name).startsWith(known)));
+  const {views, pictures, voxels} = await unfold(root, (number) => source.view(number), decoded);
+  if (voxels.size > 0) throw new TexfError('unsupported', 'an image of this file is a field over voxels, of which texf-dec makes an atlas');
+  const added = new Added(root);
+  for (const [texture, picture] of pictures) {
+    const image = {mimeType: 'image/png', bufferView: added.addView(await pngOf(picture))};
+    root.textures[texture].source = added.add('images', image);
+  }
+  const bytes = await Promise.all(root.bufferViews.map(async (/** @type {any} */ view, /** @type {number} */ n) => views.get(n) ?? added.views.get(n) ?? source.stored(n)));
+  leaveOut(root);
+  return writeGlb(root, hasUnknown ? bytes : withoutUnused(root, bytes, before));
+}
+
+/** @param {ArrayBuffer} file */
+function readGlb(file) {
+  const view = new DataView(file), wrong = () => invalid('the file is not a whole GLB', 'TXF-I07');
+  if (file.byteLength < 20 || view.getUint32(0, true) !== MAGIC || view.getUint32(4, true) !== 2) throw wrong();
+  const length = view.getUint32(12, true), next = 20 + length + 8;
+  if (view.getUint32(16, true) !== JSON_CHUNK || 20 + length > file.byteLength) throw wrong();
+  const root = jsonOf(new Uint8Array(file, 20, length));
+  if (!root || typeof root !== 'object' || Array.isArray(root)) throw wrong();
+  const size = next <= file.byteLength && view.getUint32(next - 4, true) === BINARY_CHUNK ? view.getUint32(next - 8, true) : 0;
+  if (next + size > file.byteLength && size > 0) throw wrong();
+  return {root, binary: size > 0 ? new Uint8Array(file, next, size) : new Uint8Array(0)};
+}
+
+/** The tree of a JSON text, null if it is none. @param {Uint8Array} text */
+function jsonOf(text) {
+  try {
+    return JSON.parse(new TextDecoder().decode(text));
+  } catch {
+    return null;
+  }
+}
+
+/** Bytes of a file's bufferViews. */
+class Source {
+  /** @param {any} root @param {Uint8Array} binary */
+  constructor(root, binary) {
+    this.root = root;
+    this.binary = binary;
+    /** @type {Map<number, Promise<Uint8Array>>} */
+    this.known = new Map();
+  }
+
+  /** @param {number} number @returns {Promise<Uint8Array>} */
+  view(number) {
+    const view = entryOf(this.root, 'bufferViews', number);
+    if (MESHOPT.some((name) => view.extensions?.[name])) throw new TexfError('unsupported', `bufferView ${number} is compressed by another extension`);
+    if (!this.known.has(number)) this.known.set(number, this.stored(number));
+    return /** @type {Promise<Uint8Array>} */ (this.known.get(number));
+  }
+
+  /** As view(), but what another extension has compressed stays so. @param {number} number @returns {Promise<Uint8Array>} */
+  async stored(number) {
+    const view = this.root.bufferViews[number], place = view.extensions?.[NAME] ?? MESHOPT.map((name) => view.extensions?.[name]).find(Boolean) ?? view;
+    const bytes = within(await this.buffer(place.buffer), place, number);
+    return place === view.extensions?.[NAME] ? inflated(bytes, view, number) : bytes;
+  }
+
+  /** @param {number} number @returns {Promise<Uint8Array>} */
+  async buffer(number) {
+    const {uri} = entryOf(this.root, 'buffers', number);
+    if (uri === undefined && number === 0) return this.binary;
+    if (!String(uri).startsWith('data:')) throw new TexfError('unsupported', `buffer ${number} is not in the file`);
+    return new Uint8Array(await (await fetch(uri)).arrayBuffer());
+  }
+}
+
+/** Takes the extension out of a file's tree. @param {any} root */
+function leaveOut(root) {
+  without(root, NAME);
+  root.bufferViews.forEach((/** @type {any} */ view) => without(view, NAME));
+  for (const kind of ['extensionsUsed', 'extensionsRequired']) {
+    if (!Array.isArray(root[kind])) continue;
+    root[kind] = root[kind].filter((/** @type {string} */ name) => name !== NAME);
+    if (!root[kind].length) delete root[kind];
+  }
+}
+
+/** Calls visit(owner, key, kind) for every reference to an accessor, bufferView or texture. @param {any} root @param {(owner: any, key: string, kind: string) => void} visit */
+function eachReference(root, visit) {
+  const keys = (/** @type {any} */ owner, /** @type {string} */ kind, names = Object.keys(owner ?? {})) => names.forEach((key) => owner && key in owner && visit(owner, key, kind));
+  for (const {primitives = []} of root.meshes ?? []) {
+    for (const primitive of primitives) {
+      [primitive.attributes, ...(primitive.targets ?? [])].forEach((owner) => keys(owner, 'accessors'));
+      keys(primitive, 'accessors', ['indices']);
+      keys(primitive.extensions?.[NAME], 'accessors', ['splits']);
+      keys(primitive.extensions?.KHR_draco_mesh_compression, 'bufferViews', ['bufferView']);
+    }
+  }
+  for (const {samplers = []} of root.animations ?? []) samplers.forEach((/** @type {any} */ sampler) => keys(sampler, 'accessors', ['input', 'output']));
+  for (const skin of root.skins ?? []) keys(skin, 'accessors', ['inverseBindMatrices']);
+  for (const node of root.nodes ?? []) keys(node.extensions?.[INSTANCES]?.attributes, 'accessors');
+  for (const entry of root.accessors ?? []) [entry, entry.sparse?.indices, entry.sparse?.values].forEach((owner) => keys(owner, 'bufferViews', ['bufferView']));
+  for (const image of root.images ?? []) keys(image, 'bufferViews', ['bufferView']);
+  keys(root.extensions?.[NAME]?.streams, 'bufferViews');
+  const textures = (/** @type {any} */ owner) => Object.entries(owner ?? {}).forEach(([key, value]) => {
+    if (key === 'extras' || !value || typeof value !== 'object') return;
+    if (key.endsWith('Texture') && 'index' in value) visit(value, 'index', 'textures');
+    textures(value);
+  });
+  textures(root.materials);
+}
+
+/** Numbers that are referred to, by kind. @param {any} root */
+function held(root) {
+  const numbers = /** @type {Object<string, Set<number>>} */ ({accessors: new Set(), bufferViews: new Set(), textures: new Set()});
+  eachReference(root, (owner, key, kind) => numbers[kind].add(owner[key]));
+  return numbers;
+}
+
+/** Drops what was referred to and no longer is; returns the bytes of the bufferViews that are left.
+ * @param {any} root @param {Uint8Array[]} bytes of each bufferView @param {ReturnType<typeof held>} before */
+function withoutUnused(root, bytes, before) {
+  for (const kinds of [['accessors', 'textures'], ['bufferViews']]) {
+    const now = held(root), numbers = /** @type {Object<string, Map<number, number>>} */ ({});
+    for (const kind of kinds) {
+      const kept = (root[kind] ?? []).map((/** @type {any} */ _, /** @type {number} */ n) => n).filter((/** @type {number} */ n) => now[kind].has(n) || !before[kind].has(n));
+      numbers[kind] = new Map(kept.map((/** @type {number} */ old, /** @type {number} */ n) => [old, n]));
+      if (root[kind]) root[kind] = kept.map((/** @type {number} */ n) => root[kind][n]);
+      if (kind === 'bufferViews') bytes = kept.map((/** @type {number} */ n) => bytes[n]);
+      if (!kept.length) delete root[kind];
+    }
+    eachReference(root, (owner, key, kind) => {
+      if (kinds.includes(kind)) owner[key] = numbers[kind].get(owner[key]);
+    });
+  }
+  return bytes;
+}
+
+/** @param {any} root @param {Uint8Array[]} bytes of each bufferView */
+function writeGlb(root, bytes) {
+  let length = 0, unpacked = 0, used = '';
+  const places = bytes.map((data, n) => {
+    const view = root.bufferViews[n], at = length, name = MESHOPT.find((packing) => view.extensions?.[packing]);
+    length += data.length + (-data.length & ALIGNMENT - 1);
+    if (!name) Object.assign(view, {buffer: 0, byteOffset: at});
+    else {
+      Object.assign(view.extensions[name], {buffer: 0, byteOffset: at});
+      Object.assign(view, {buffer: 1, byteOffset: unpacked});
+      [used, unpacked] = [name, unpacked + view.byteLength + (-view.byteLength & ALIGNMENT - 1)];
+    }
+    return at;
+  });
+  root.buffers = [{byteLength: length}, ...(used ? [{byteLength: unpacked, extensions: {[used]: {fallback: true}}}] : [])];
+  const text = new TextEncoder().encode(JSON.stringify(root)), start = 20 + text.length + (-text.length & 3);
+  const out = new Uint8Array(start + 8 + length), view = new DataView(out.buffer);
+  out.fill(32, 20 + text.length, start);
+  out.set(text, 20);
+  [[0, MAGIC], [4, 2], [8, out.length], [12, start - 20], [16, JSON_CHUNK], [start, length], [start + 4, BINARY_CHUNK]].forEach(([at, value]) => view.setUint32(at, value, true));
+  bytes.forEach((data, n) => out.set(data, start + 8 + places[n]));
+  return out.buffer;
+}

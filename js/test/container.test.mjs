@@ -1,0 +1,144 @@
+/** The part-level form of TEXF_stream in node: GLBs made here of a vector's stream, through expand() and through the plug-in. */
+
+import assert from 'node:assert/strict';
+import {readFileSync} from 'node:fs';
+import {test} from 'node:test';
+import {deflateSync, inflateSync} from 'node:zlib';
+
+import {expand} from '../src/gltf.js';
+import {TexfError, decode, dispose} from '../src/index.js';
+
+const three = await import('three/addons/loaders/GLTFLoader.js').catch(() => null); // npm install three
+const {TEXFStreamExtension} = await import('../src/gltf.js');
+const unless = {skip: three ? false : 'three is not installed'};
+const read = (name) => readFileSync(new URL(`../../conformance/${name}/in.texf`, import.meta.url));
+const stream = read('subset/texels'), asset = await decode(stream), [unit] = asset.units, count = unit.positions.length / 3;
+const MATRIX = [0, 2, 0, 0, 2, 0, 0, 0, 0, 0, 2, 0, 5, 6, 7, 1]; // mirrors
+
+/** zlib data of rows of bytes, as the extension has it. */
+function deflated(values, row) {
+  const bytes = new Uint8Array(values.buffer), rows = bytes.length / row;
+  return deflateSync(Uint8Array.from(bytes, (_, i) => bytes[i % rows * row + Math.floor(i / rows)] - (i % rows ? bytes[(i % rows - 1) * row + Math.floor(i / rows)] : 0)));
+}
+
+/** A GLB of a skinned primitive that is the vector's first unit. change(root): makes it another. */
+function coded(change = () => {}, bytes = stream) {
+  const joints = Uint8Array.from({length: 4 * (count + 1)}, (_, i) => i % 4 ? 0 : i / 4 & 1), weights = Float32Array.from({length: 4 * (count + 1)}, (_, i) => i % 4 ? 0 : 1);
+  const splits = Uint32Array.from([4, count]), pieces = [bytes, deflated(joints, 4), deflated(weights, 16), new Uint8Array(splits.buffer)];
+  const places = pieces.map((_, n) => pieces.slice(0, n).reduce((sum, piece) => sum + piece.length + (-piece.length & 3), 0)), length = places.at(-1) + 8;
+  const packed = (n, size, row) => ({buffer: 1, byteOffset: 0, byteLength: size, extensions: {TEXF_stream: {buffer: 0, byteOffset: places[n], byteLength: pieces[n].length, row}}});
+  const root = {
+    asset: {version: '2.0'}, extensionsUsed: ['TEXF_stream'], extensionsRequired: ['TEXF_stream'], extensions: {TEXF_stream: {streams: [0]}},
+    scene: 0, scenes: [{nodes: [0, 1, 2]}], nodes: [{mesh: 0, skin: 0, name: 'body'}, {name: 'left'}, {name: 'right'}], skins: [{joints: [1, 2]}],
+    meshes: [{name: 'body', primitives: [{attributes: {POSITION: 0, NORMAL: 0, TEXCOORD_0: 1, JOINTS_0: 2, WEIGHTS_0: 3}, indices: 4, material: 0,
+      extensions: {TEXF_stream: {stream: 0, units: [0], matrix: MATRIX, splits: 5}}}]}],
+    materials: [{name: 'skin', doubleSided: true, pbrMetallicRoughness: {roughnessFactor: 0.25, baseColorTexture: {index: 0, texCoord: 3, extensions: {KHR_texture_transform: {scale: [2, 2]}}}}}],
+    textures: [{}], buffers: [{byteLength: length}, {byteLength: 20 * (count + 1), extensions: {TEXF_stream: {fallback: true}}}],
+    accessors: [{componentType: 5126, count: count + 1, type: 'VEC3', min: [0, 0, 0], max: [1, 1, 1]}, {componentType: 5126, count: count + 1, type: 'VEC2'},
+      {bufferView: 1, componentType: 5121, count: count + 1, type: 'VEC4'}, {bufferView: 2, componentType: 5126, count: count + 1, type: 'VEC4'},
+      {componentType: 5125, count: unit.indices.length, type: 'SCALAR'}, {bufferView: 3, componentType: 5125, count: 1, type: 'VEC2'}],
+    bufferViews: [{buffer: 0, byteLength: bytes.length}, packed(1, joints.length, 4), packed(2, weights.byteLength, 16), {buffer: 0, byteOffset: places[3], byteLength: 8}],
+  };
+  change(root);
+  const chunk = (kind, data) => Buffer.concat([Buffer.from(new Uint32Array([data.length, kind]).buffer), data]), text = JSON.stringify(root);
+  const whole = Buffer.alloc(length);
+  pieces.forEach((piece, n) => whole.set(piece, places[n]));
+  const body = Buffer.concat([chunk(0x4E4F534A, Buffer.from(text.padEnd(text.length + 3 & ~3))), chunk(0x004E4942, whole)]);
+  const file = Buffer.concat([Buffer.from('glTF'), Buffer.from(new Uint32Array([2, 12 + body.length]).buffer), body]);
+  return file.buffer.slice(file.byteOffset, file.byteOffset + file.length);
+}
+
+/** The tree of a GLB and a function that reads an accessor, rows of plain float32, uint16 or uint8. */
+function opened(file) {
+  const length = new DataView(file).getUint32(12, true), root = JSON.parse(new TextDecoder().decode(new Uint8Array(file, 20, length)));
+  const bytes = (view) => file.slice(28 + length + root.bufferViews[view].byteOffset, 28 + length + root.bufferViews[view].byteOffset + root.bufferViews[view].byteLength);
+  const rows = (number) => {
+    const {componentType, type, bufferView} = root.accessors[number], Kind = {5121: Uint8Array, 5123: Uint16Array, 5126: Float32Array}[componentType];
+    const values = new Kind(bytes(bufferView)), width = {SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4}[type];
+    return Array.from({length: values.length / width}, (_, i) => [...values.subarray(i * width, (i + 1) * width)]);
+  };
+  return {root, bytes, rows};
+}
+
+test('expand() gives an ordinary file: geometry in mesh space, stored attributes by their vertices, an image', async () => {
+  const {root, bytes, rows} = opened(await expand(coded())), [{attributes, indices, extensions}] = root.meshes[0].primitives;
+  assert.deepEqual([root.extensions, root.extensionsUsed, extensions], [undefined, undefined, undefined]);
+  const index = rows(indices).flat(), joints = rows(attributes.JOINTS_0), positions = rows(attributes.POSITION), uvs = rows(attributes.TEXCOORD_0);
+  assert.equal(index.length, unit.indices.length);
+  for (let i = 0; i < index.length; i++) {
+    const corner = [i, i + 1, i - 1][i % 3], vertex = unit.indices[corner], [x, y, z] = [0, 1, 2].map((k) => asset.origin[k] + unit.positions[3 * vertex + k]);
+    assert.deepEqual(joints[index[i]], [corner === 4 ? count & 1 : vertex & 1, 0, 0, 0]);
+    [2 * y + 5, 2 * x + 6, 2 * z + 7].forEach((value, k) => assert.ok(Math.abs(positions[index[i]][k] - value) < 1e-4));
+    assert.deepEqual(uvs[index[i]], [...unit.uvs.subarray(2 * vertex, 2 * vertex + 2)]);
+  }
+  assert.deepEqual(root.materials[0], {name: 'skin', doubleSided: true, pbrMetallicRoughness: {roughnessFactor: 0.25, baseColorTexture: {index: 0}}});
+  const png = Buffer.from(bytes(root.images[root.textures[0].source].bufferView)), {width, height} = asset.fields[0].planes.base_colour.image;
+  assert.deepEqual([png.readUInt32BE(16), png.readUInt32BE(20)], [width, height]);
+  assert.equal(inflateSync(png.subarray(41, 41 + png.readUInt32BE(33))).length, height * (1 + 3 * width));
+  assert.equal(root.accessors.length, new Set([...Object.values(attributes), indices]).size);
+});
+
+test('a file without coded primitives is returned as it is', async () => {
+  const file = coded((root) => delete root.extensions);
+  assert.equal(await expand(file), file);
+});
+
+test('the plug-in binds a skinned mesh, whose material is the file\'s with a texture of the stream', unless, async () => {
+  const {scene} = await new three.GLTFLoader().register((parser) => new TEXFStreamExtension(parser)).parseAsync(coded(), '');
+  const [mesh] = scene.children;
+  assert.ok(mesh.isSkinnedMesh && mesh.name === 'body' && mesh.skeleton.bones.length === 2);
+  assert.equal(mesh.geometry.index.count, unit.indices.length);
+  assert.deepEqual([mesh.material.name, mesh.material.roughness, mesh.material.map.image.width], ['skin', 0.25, asset.fields[0].planes.base_colour.image.width]);
+});
+
+test('a field over voxels is shown by its shader, also of a clone, at places of the stream', unless, async () => {
+  const [voxels] = (await decode(read('subset/k33'))).units, plain = (root) => {
+    root.meshes[0].primitives[0].attributes = {POSITION: 0};
+    delete root.meshes[0].primitives[0].extensions.TEXF_stream.splits;
+  };
+  const file = coded(plain, read('subset/k33'));
+  const {scene} = await new three.GLTFLoader().register((parser) => new TEXFStreamExtension(parser)).parseAsync(file, '');
+  const [{geometry, material}] = scene.children, place = geometry.getAttribute('_texf_place'), corner = geometry.index.array[0];
+  assert.deepEqual([...place.array.subarray(3 * corner, 3 * corner + 3)], [...voxels.positions.subarray(3 * voxels.indices[0], 3 * voxels.indices[0] + 3)]);
+  const shader = {uniforms: {}, vertexShader: '#include <common>\n#include <begin_vertex>', fragmentShader: '#include <common>'};
+  material.clone().onBeforeCompile(shader);
+  assert.match(shader.vertexShader, /vTexfPlace = _texf_place \* texfScale/);
+  assert.ok(shader.uniforms.texfTable0.value.isTexture);
+  await assert.rejects(expand(file), {name: 'TexfError', code: 'unsupported', message: /texf-dec/});
+});
+
+const said = (root) => root.meshes[0].primitives[0].extensions.TEXF_stream;
+for (const [what, code, change, bytes] of [
+  ['a stream that is not there', 'invalid', (root) => { said(root).stream = 1; }],
+  ['a unit that is not there', 'invalid', (root) => { said(root).units = [asset.units.length]; }],
+  ['no units', 'invalid', (root) => { said(root).units = []; }],
+  ['two primitives on one unit', 'invalid', (root) => root.meshes[0].primitives.push(root.meshes[0].primitives[0])],
+  ['a matrix without inverse', 'invalid', (root) => { said(root).matrix = MATRIX.with(10, 0); }],
+  ['a matrix of 15 numbers', 'invalid', (root) => { said(root).matrix = MATRIX.slice(1); }],
+  ['a split of a corner that is not there', 'invalid', (root) => { root.accessors[5].byteOffset = 0; said(root).splits = 3; }],
+  ['splits that are not there', 'invalid', (root) => { said(root).splits = 9; }],
+  ['stored values of another count', 'invalid', (root) => { delete said(root).splits; }],
+  ['stored attributes of two counts', 'invalid', (root) => { root.accessors[2].count--; }],
+  ['an accessor that exceeds its view', 'invalid', (root) => { root.accessors[3].byteOffset = 16; }],
+  ['an attribute that is not there', 'invalid', (root) => { root.meshes[0].primitives[0].attributes.JOINTS_0 = 77; }],
+  ['a view that inflates to another length', 'invalid', (root) => { root.bufferViews[1].byteLength += 4; }],
+  ['a view that inflates to less', 'invalid', (root) => { root.bufferViews[2].byteLength -= 16; }],
+  ['a view whose rows do not divide it', 'invalid', (root) => { root.bufferViews[1].extensions.TEXF_stream.row = 3; }],
+  ['deflated bytes beyond the buffer', 'invalid', (root) => { root.bufferViews[1].extensions.TEXF_stream.byteOffset = 1e9; }],
+  ['bytes that are not deflated', 'invalid', (root) => { root.bufferViews[1].extensions.TEXF_stream.byteOffset = 0; }],
+  ['streams that are no array', 'invalid', (root) => { root.extensions.TEXF_stream.streams = 0; }],
+  ['a material that is not there', 'invalid', (root) => { root.meshes[0].primitives[0].material = 3; }],
+  ['a texture that is not there', 'invalid', (root) => { root.textures = []; }],
+  ['primitives that are no array', 'invalid', (root) => { root.meshes[0].primitives = 3; }],
+  ['a broken stream', 'invalid', () => {}, stream.subarray(0, 200)],
+]) {
+  test(`${what}: refused with a TexfError`, async () => {
+    const file = coded(change, bytes);
+    await assert.rejects(expand(file), (error) => error instanceof TexfError && error.code === code && error.message.length > 10);
+    if (!three) return;
+    const loader = new three.GLTFLoader().register((parser) => new TEXFStreamExtension(parser));
+    await assert.rejects(loader.parseAsync(file, ''), (error) => error instanceof TexfError && error.code === code);
+  });
+}
+
+test.after(() => dispose());

@@ -204,9 +204,8 @@ def with_tree(data, root):
     return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
 
 
-def remembering(falls_back=False):
-    """The encoder of encode_document(), which codes equal scenes once. falls_back: a scene that is new, after the first, gets the
-    stream of the first."""
+def remembering():
+    """The encoder of encode_document(), which codes equal scenes once."""
     known = {}
 
     def code(scene, options, report):
@@ -216,7 +215,7 @@ def remembering(falls_back=False):
         materials = [(m.texture, m.maps, tuple(m.factor), m.parameters) for m in scene.materials]
         key = repr(([array.tobytes() for array in arrays], materials, [t.image.shape for t in scene.textures]))
         if key not in known:
-            known[key] = next(iter(known.values())) if known and falls_back else encode_loaded(scene, options, report)
+            known[key] = encode_loaded(scene, options, report)
         return known[key]
 
     return code

@@ -74,6 +74,16 @@ made where they are wanted, in five minutes:
     python -m conformance.make.whole FOLDER
     python conformance/run.py --home FOLDER --decoder "<command>"
 
+## Scenes
+
+`container/` has small glTF files whose primitives come from streams ([TEXF_stream](../docs/guide/TEXF_stream.md), the part-
+level form), and what they expand to; `faulty_` files have to be refused. `case.json` has values at the corners of each
+primitive's faces in order, and the texels that texture slots show at the centres of the faces, so that vertices and pictures
+may be laid out in any way:
+
+    python conformance/run_containers.py --expand "<command>"     # called as <command> IN.glb OUT.glb; default: our own
+    python -m conformance.make.containers --write                 # makes them again
+
 ## Where a decoder goes wrong
 
 `levels` of a case.json has, for every RAHT unit, a CRC-32 for each level, the root first: that of the means (7.2) of its

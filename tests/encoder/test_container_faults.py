@@ -193,64 +193,6 @@ def test_stored_values_come_back_however_odd(scene, place, values, code):
     assert {row.tobytes() for row in stored} == {values.tobytes()}
 
 
-# Coded files.
-
-
-def _extension(root):
-    return primitive(root)["extensions"]["TEXF_stream"]
-
-
-def _deflated(root, **lies):
-    """Change the extension of the first deflated view; keys of "view" are of the view itself."""
-    view = next(view for view in root["bufferViews"] if "extensions" in view)
-    view["extensions"]["TEXF_stream"] |= {key: lie for key, lie in lies.items() if key != "view"}
-    view |= lies.get("view", {})
-
-
-FAULTS = {
-    "a stream that is not there": ("TXF-I09", lambda root: _extension(root).update(stream=7)),
-    "a stream of a negative number": ("TXF-I09", lambda root: _extension(root).update(stream=-1)),
-    "a unit that is not there": ("TXF-I09", lambda root: _extension(root).update(units=[99])),
-    "no units": ("TXF-I09", lambda root: _extension(root).update(units=[])),
-    "a unit twice": ("TXF-I09", lambda root: _extension(root).update(units=[0, 0])),
-    "a unit of two primitives": ("TXF-I09", lambda root: primitive(root, 1)["extensions"].update(
-        TEXF_stream=dict(_extension(root)))),
-    "a matrix without inverse": ("TXF-I09", lambda root: _extension(root).update(matrix=[0.0] * 16)),
-    "a matrix beyond all numbers": ("TXF-I09", lambda root: _extension(root).update(matrix=[1e300, 0, 0, 0, 0, 1e300, 0, 0, 0, 0,
-                                                                                           1e300, 0, 0, 0, 0, 1])),
-    "a matrix of text": ("TXF-I09", lambda root: _extension(root).update(matrix="1")),
-    "a UV set of a negative number": ("TXF-I09", lambda root: _extension(root).update(texCoord=-1)),
-    "splits that are not there": ("TXF-I09", lambda root: _extension(root).update(splits=99)),
-    "splits of another type": ("TXF-I09", lambda root: _extension(root).update(splits=primitive(root)["attributes"]["JOINTS_0"])),
-    "streams that are no array": ("TXF-I09", lambda root: root["extensions"]["TEXF_stream"].update(streams=3)),
-    "a view that is not there": ("TXF-I09", lambda root: root["extensions"]["TEXF_stream"].update(streams=[99])),
-    "a view of other bytes": ("TXF-S01", lambda root: root["bufferViews"][root["extensions"]["TEXF_stream"]["streams"][0]].update(
-        byteOffset=8)),
-    "a stream a thousand times": ("TXF-I09", lambda root: root["extensions"]["TEXF_stream"]["streams"].extend([root["extensions"][
-        "TEXF_stream"]["streams"][0]] * 1000)),
-    "stored attributes of another count": ("TXF-I09", lambda root: accessor_of(root, "JOINTS_0").update(count=3)),
-    "stored attributes of too few vertices": ("TXF-I09", lambda root: [accessor_of(root, name).update(count=3)
-                                                                       for name in ("JOINTS_0", "WEIGHTS_0")]),
-    "no attributes": ("TXF-I09", lambda root: primitive(root).update(attributes=None)),
-    "a deflated view of other length": ("TXF-I11", lambda root: _deflated(root, view={"byteLength": 2400})),
-    "a deflated view of half its bytes": ("TXF-I11", lambda root: _deflated(root, byteLength=40)),
-    "a deflated view with rows of nothing": ("TXF-I09", lambda root: _deflated(root, row=0)),
-    "a deflated view with rows of another length": ("TXF-I11", lambda root: _deflated(root, row=7)),
-    "a deflated view of two gigabytes": ("TXF-I41", lambda root: _deflated(root, view={"byteLength": 1 << 31})),
-    "a deflated view outside its buffer": ("TXF-I11", lambda root: _deflated(root, byteOffset=1 << 20)),
-    "a deflated view that is no object": ("TXF-I09", lambda root: _deflated(root, view={"extensions": {"TEXF_stream": 3}})),
-}
-
-
-@pytest.mark.parametrize("expected, bend", FAULTS.values(), ids=list(FAULTS))
-def test_a_faulty_coded_file_is_refused(expected, bend, coded):
-    root = tree_of(coded["skinned"])
-    bend(root)
-    with pytest.raises(TexfError) as caught:
-        expanded(with_tree(coded["skinned"], root))
-    assert caught.value.code == expected
-
-
 @pytest.mark.parametrize("name", ["skinned", "morphing"])
 @pytest.mark.parametrize("value", [None, [], {}, "a", -1, 1.5, True, 1 << 70], ids=str)
 def test_any_value_of_another_type_ends_in_a_coded_error(value, name, coded, code):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from fuzz import bitstream_targets as bitstream
 from fuzz import codec_targets as codecs
+from fuzz import container_targets as containers
 from fuzz import loader_targets as loaders
 from fuzz import stage_targets as stages
 from texfcodec.errors import InputError, LimitError, StreamError, SupportError, TexfError
@@ -57,6 +58,8 @@ _NEURAL = tuple(f"codecs/neural/{name}.py" for name in ("neural_codec", "payload
 _GLTF = tuple(f"io/gltf/{name}.py" for name in ("reader", "document", "properties", "accessor", "mesh", "material"))
 _IMAGES = "io/images.py#TextureShelf#read_image#_to_rgba"
 _LOAD = ("io/load.py", "io/parts.py")
+_CONTAINER = tuple(f"io/container/{name}.py" for name in ("layout", "references", "rewritten", "packed_accessors"))
+_SCENES = tuple(f"encoder/container/{name}.py" for name in ("plan", "encode", "line_up", "keyframes"))
 
 TARGETS = {target.name: target for target in (
     Target("numbers", bitstream.numbers, ("core/syntax_walk.py#Reader#write_v",), bytes=40),
@@ -89,6 +92,9 @@ TARGETS = {target.name: target for target in (
            bytes=300),
     Target("gltf", loaders.gltf, _GLTF, OF_FILES, 60),
     Target("glb", loaders.glb, ("io/gltf/document.py#open_document#_read_glb#_chunks#_parse",), OF_FILES, 60),
+    Target("container", containers.container, (*_CONTAINER, "io/container/expand.py", "io/gltf/deflated.py"),
+           (*OF_FILES, StreamError), 60),
+    Target("scene_file", containers.scene_file, (*_SCENES, *_CONTAINER), OF_FILES, 60),
     Target("obj", loaders.obj, ("io/obj.py", *_LOAD), OF_FILES, 60),
     Target("mtl", loaders.mtl, ("io/mtl.py",), OF_FILES, 60),
     Target("ply", loaders.ply, ("io/ply.py", *_LOAD), OF_FILES, 60),

@@ -12,8 +12,8 @@ BUDGETS = {
     ("js", "native"): 7_500,  # 1,150 came with coded meshes of a glTF on a page, their expand() and tests
     ("tools",): 11_950,  # target 10,500; 130 are of scenes
     ("tools/gpu",): 3_100,  # came with fitting, frames and decoding on a GPU, whose page must be made again
-    ("conformance",): 7_800,  # target 7,500
-    ("tests",): 39_950,  # 800 are of scenes; 2,600 of it, bounds and load, came from tools/proof; target 29,000
+    ("conformance",): 8_450,  # target 7,500; 600 are of glTF files with streams and what expands them
+    ("tests",): 40_200,  # 1,000 are of scenes; 2,600 of it, bounds and load, came from tools/proof; target 29,000
 }
 
 

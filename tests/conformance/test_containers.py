@@ -1,0 +1,65 @@
+"""The vectors of conformance/container/: expand() passes them, claims hold, and the runner fails expanders that are wrong."""
+
+import json
+import struct
+
+import pytest
+
+from conformance import run_containers as runner
+from conformance.make.containers import HOME, unkept
+
+CASES = sorted(path.parent.name for path in HOME.glob("*/case.json"))
+GOOD = [name for name in CASES if not name.startswith("faulty_")]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_expand_passes_every_vector(name):
+    assert runner.faults_of(runner.own, HOME / name) == []
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_a_vector_holds_what_it_claims(name):
+    case = json.loads((HOME / name / "case.json").read_text(encoding="utf-8"))
+    assert unkept(case["claims"], (HOME / name / "in.glb").read_bytes()) == []
+
+
+def _with_json(data, bend):
+    length = int.from_bytes(data[12:16], "little")
+    root = json.loads(data[20 : 20 + length])
+    bend(root)
+    text = json.dumps(root).encode()
+    return struct.pack("<4sIIII", b"glTF", 2, 0, len(text), 0x4E4F534A) + text + data[20 + length :]
+
+
+def _primitive(root):
+    return root["meshes"][0]["primitives"][0]
+
+
+WRONG = {
+    "a face too few": ("skinned", lambda root: root["accessors"][_primitive(root)["indices"]].update(count=3), "POSITION"),
+    "other weights": ("skinned", lambda root: _primitive(root)["attributes"].update(
+        WEIGHTS_0=_primitive(root)["attributes"]["POSITION"]), "WEIGHTS_0 of primitive 0 differs"),
+    "no normals": ("normals", lambda root: _primitive(root)["attributes"].pop("NORMAL"), "NORMAL of primitive 0"),
+    "a primitive too few": ("one_stream", lambda root: root["meshes"].pop(), "1 primitives of triangles instead of 2"),
+    "a target lost": ("target", lambda root: _primitive(root).pop("targets"), "target 0 POSITION"),
+    "no indices": ("target", lambda root: _primitive(root).pop("indices"), "cannot be read"),
+}
+
+
+@pytest.mark.parametrize("name, bend, words", WRONG.values(), ids=list(WRONG))
+def test_the_runner_fails_an_expander_that_is_wrong(name, bend, words):
+    faults = runner.faults_of(lambda data: (0, _with_json(runner.own(data)[1], bend), ""), HOME / name)
+    assert words in " ".join(faults)
+
+
+def test_the_runner_sees_other_texels():
+    expected = json.loads((HOME / "one_primitive" / "case.json").read_text(encoding="utf-8"))["primitives"]
+    expected[0]["baseColorTexture"][0][0] += 9
+    faults = runner.faults_of_arrays(runner.own((HOME / "one_primitive" / "in.glb").read_bytes())[1], expected)
+    assert faults == ["baseColorTexture of primitive 0 differs"]
+
+
+def test_the_runner_fails_an_expander_that_takes_a_faulty_file_or_breaks_at_it():
+    folder = HOME / "faulty_unit_twice"
+    assert runner.faults_of(lambda data: (0, data, ""), folder) and runner.faults_of(lambda data: (4, b"", "KeyError"), folder)
+    assert runner.faults_of(lambda data: (2, b"", "TXF-I11: another reason"), folder)

@@ -429,14 +429,14 @@ def files():
 
 def main():
     """Run the command of the module's description."""
-    written = files()
+    expected = files()
     there = {path.relative_to(HOME).as_posix(): path.read_bytes() for path in HOME.glob("*/*")}
-    differing = [name for name in sorted(there.keys() | written.keys()) if there.get(name) != written.get(name)]
-    print(*[f"{name}: differs" for name in differing], f"{len(written) // 2} vectors", sep="\n")
+    differing = [name for name in sorted(there.keys() | expected.keys()) if there.get(name) != expected.get(name)]
+    print(*[f"{name}: differs" for name in differing], f"{len(expected) // 2} vectors", sep="\n")
     if sys.argv[1:] == ["--write"]:
-        for name in there.keys() - written.keys():
+        for name in there.keys() - expected.keys():
             (HOME / name).unlink()
-        for name, content in written.items():
+        for name, content in expected.items():
             (HOME / name).parent.mkdir(parents=True, exist_ok=True)
             (HOME / name).write_bytes(content)
     return 7 if differing and sys.argv[1:] == ["--check"] else 0

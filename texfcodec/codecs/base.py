@@ -176,7 +176,7 @@ class Evaluator(Protocol):
     """Evaluates one field of a joint codec. Its results hold the components of all groups, one group after the other."""
 
     def values(self, support: VoxelSupport, threads: int) -> np.ndarray:
-        """Evaluates the field at the voxels of a support.
+        """Return the field's values at the centres of a support's voxels.
 
         Parameters
         ----------
@@ -189,7 +189,7 @@ class Evaluator(Protocol):
         """
 
     def query(self, cube: CanonicalCube, points: np.ndarray, threads: int) -> np.ndarray:
-        """Evaluates the field at points.
+        """Return the field's values at any surface points.
 
         Parameters
         ----------
@@ -522,7 +522,7 @@ class JointCodec(Codec):
     @abstractmethod
     def dec(self, values: dict, surfaces: list[LatticeMesh], position_bits: int, groups: tuple[Group, ...],
             options: DecodeOptions, report: Report) -> list[Evaluator]:
-        """Decode the unit to one Evaluator for each field.
+        """Decode the unit and return one Evaluator for each field, which answers points instead of voxels.
 
         Parameters
         ----------

@@ -22,7 +22,7 @@ class Fans:
     Vertices at one position count as one.
 
     lattice: int64 [V, 3] below 2**20; faces: int64 [F, 3]. Attributes: vertex: int64 [3 F], welded vertex of each corner; unit:
-    float64 [F, 3] normals, 0 without area; area: float64 [F], twice the area in lattice steps.
+    float64 [F, 3] normals, 0 without area; area: float64 [F], twice the area in squared lattice steps.
     """
 
     def __init__(self, lattice: np.ndarray, faces: np.ndarray) -> None:

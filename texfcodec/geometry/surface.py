@@ -60,8 +60,8 @@ class LatticeSettings(Protocol):
 
 
 def make_surface(scene: Scene, options: LatticeSettings) -> Surface:
-    """The Surface of a scene: on the lattice, with equal positions merged, and without faces that have collapsed and flat faces
-    that close no gap. Raises InputError, LimitError."""
+    """Build the Surface of a scene: its vertices rounded to the lattice that options choose, equal positions merged, collapsed
+    faces and flat faces that close no gap (idle_faces) removed. Raises InputError, LimitError."""
     limits = options.limits
     for code, what, count, limit in (("TXF-L02", "vertices", len(scene.positions), limits.vertices),
                                      ("TXF-L03", "faces", len(scene.faces), limits.faces)):

@@ -74,8 +74,8 @@ class Source:
         return len(self.weights)
 
     def at(self, face: np.ndarray, bary: np.ndarray, threads: int) -> Samples:
-        """Return Samples, positions with the source's values, at places on the surface: face int64 [M]; bary float64 [M, 3]. A
-        channel without a map in the face's material has weight 0."""
+        """Return Samples at places on the surface, with the source's values there as target: face int64 [M]; bary float64 [M,
+        3]. A channel without a map in the face's material has weight 0."""
         points = np.einsum("mk,mkc->mc", bary, self.lattice[self.faces[face]])
         rgba = np.rint(sample_source(self.packed, face, bary, threads)).astype(np.uint8)
         # what cannot be seen need not be right

@@ -188,8 +188,8 @@ class Tables:
         return voxel_values(support.xyz(), support.resolution, self, threads)
 
     def query(self, cube: CanonicalCube, points: np.ndarray, threads: int = 1) -> np.ndarray:
-        """Return the values at world points: float32 [M, C] in 0..255. cube: CanonicalCube, which maps them to the grid; points:
-        float64 [M, 3]."""
+        """Return the values at world points: float32 [M, C] in 0..255. cube: CanonicalCube, which maps the points to the grid;
+        points: float64 [M, 3]."""
         return answer(cube, points, self, threads)
 
 

@@ -152,8 +152,8 @@ def _finish(state, out):
 
 
 def finish(state: np.ndarray, out: np.ndarray) -> bytes:
-    """End a codeword and return its bytes, those in out, without trailing zeros (the decoder reads zeros past the end). state:
-    of the encoder."""
+    """End a codeword and return the bytes that the encoder has written to out, without trailing zeros (the decoder reads zeros
+    past the end). state: of the encoder."""
     _finish(state, out)
     if state[FULL]:
         raise OverflowError("range coder output buffer is full")

@@ -29,7 +29,8 @@ class FilterStage:
 
 
 def stage_of(mask: int, taps: Sequence[int], components: int) -> FilterStage:
-    """Build the FilterStage from the syntax elements of clause 5.7.3. mask: filter_mask; taps: filter_coefficients."""
+    """Build the FilterStage from the syntax elements of clause 5.7.3. mask: filter_mask; taps: filter_coefficients; components:
+    C of the values."""
     of_each = len(taps) // mask.bit_count() if mask else RINGS
     flat = np.zeros((CLASSES * components, of_each), np.int64)
     flat[[i for i in range(CLASSES * components) if mask >> i & 1]] = np.reshape(taps, (-1, of_each))

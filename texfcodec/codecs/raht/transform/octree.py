@@ -60,8 +60,8 @@ def _parents(keys, weight, parent_keys, first_child, occupancy, parent_weight):
 
 
 def build_octree(keys: np.ndarray, depth: int) -> list[Level]:
-    """Build the octree over cells and return its Levels 0 (root) to depth. keys: int64 [N], N >= 1, ascending unique Morton
-    keys; each counts as weight 1."""
+    """Build the octree over cells and return its Levels 0 (root) to depth. keys: int64 [N], N >= 1, ascending unique Morton keys
+    below 8**depth; each counts as weight 1."""
     level = Level((keys & 7).astype(np.uint8), np.ones(len(keys), np.int64))
     levels = [level]
     for _ in range(depth):

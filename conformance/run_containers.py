@@ -3,7 +3,7 @@
     python conformance/run_containers.py [--expand "<command>"] [CASE ...]
 
 The command is called as  <command> IN.glb OUT.glb  and writes an ordinary GLB with PNG images, or ends with an exit code other
-than 0. Without a command our own expand() runs in this process. case.json of a good case has, for every primitive of
+than 0. Without a command our own expand() runs in this process. expected.json of a good case has, for every primitive of
 triangles, values at the corners of its faces in order, so that vertices may be merged in any way: positions, normals, stored
 attributes and morph targets, and the texels that each texture slot shows at the centres of the faces. Exits 0 or 7. Needs
 numpy and Pillow.
@@ -68,7 +68,7 @@ class Glb:
 
 
 def primitives_of(data):
-    """Return what case.json has of an expanded GLB: a dict for each primitive of triangles, arrays by name."""
+    """Return what expected.json has of an expanded GLB: a dict for each primitive of triangles, arrays by name."""
     glb = Glb(data)
     return [_corners(glb, primitive) for mesh in glb.root["meshes"] for primitive in mesh["primitives"]
             if primitive.get("mode", 4) == 4]
@@ -114,7 +114,7 @@ def faults_of_arrays(data, expected):
 
 def faults_of(expand, folder):
     """Return what an expander gets wrong on the case in a folder. expand: GLB -> (exit code, GLB or b"", what it says)."""
-    case = json.loads((folder / "case.json").read_text(encoding="utf-8"))
+    case = json.loads((folder / "expected.json").read_text(encoding="utf-8"))
     exit_code, data, said = expand((folder / "in.glb").read_bytes())
     if "code" in case:
         faults = [] if exit_code in REFUSALS else [f"exit code {exit_code} for a faulty file: {said}"]
@@ -155,7 +155,7 @@ def main():
     parser.add_argument("cases", nargs="*", metavar="CASE", help="parts of the names of the cases to run (default all)")
     arguments = parser.parse_args()
     expand, failed = by_command(arguments.expand) if arguments.expand else own, 0
-    folders = [path.parent for path in sorted(HOME.glob("*/case.json"))]
+    folders = [path.parent for path in sorted(HOME.glob("*/expected.json"))]
     for folder in folders:
         if not arguments.cases or any(part in folder.name for part in arguments.cases):
             faults = faults_of(expand, folder)

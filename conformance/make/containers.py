@@ -393,7 +393,7 @@ def unkept(claims, data):
 
 
 def expected(data):
-    """Return the arrays of case.json: of attributes that the coded file names, and of texture slots."""
+    """Return the arrays of expected.json: of attributes that the coded file names, and of texture slots."""
     exit_code, plain_file, said = own(data)
     if exit_code:
         raise SystemExit(f"a good file is refused: {said}")
@@ -424,7 +424,7 @@ def files():
     if large:
         raise SystemExit(f"{large} are too large")
     return {f"{name}/{file}": content for name, (data, case) in out.items()
-            for file, content in (("in.glb", data), ("case.json", (json.dumps(case) + "\n").encode()))}
+            for file, content in (("in.glb", data), ("expected.json", (json.dumps(case) + "\n").encode()))}
 
 
 def main():

@@ -8,7 +8,7 @@ import pytest
 from conformance import run_containers as runner
 from conformance.make.containers import HOME, unkept
 
-CASES = sorted(path.parent.name for path in HOME.glob("*/case.json"))
+CASES = sorted(path.parent.name for path in HOME.glob("*/expected.json"))
 GOOD = [name for name in CASES if not name.startswith("faulty_")]
 
 
@@ -19,7 +19,7 @@ def test_expand_passes_every_vector(name):
 
 @pytest.mark.parametrize("name", GOOD)
 def test_a_vector_holds_what_it_claims(name):
-    case = json.loads((HOME / name / "case.json").read_text(encoding="utf-8"))
+    case = json.loads((HOME / name / "expected.json").read_text(encoding="utf-8"))
     assert unkept(case["claims"], (HOME / name / "in.glb").read_bytes()) == []
 
 
@@ -53,7 +53,7 @@ def test_the_runner_fails_an_expander_that_is_wrong(name, bend, words):
 
 
 def test_the_runner_sees_other_texels():
-    expected = json.loads((HOME / "one_primitive" / "case.json").read_text(encoding="utf-8"))["primitives"]
+    expected = json.loads((HOME / "one_primitive" / "expected.json").read_text(encoding="utf-8"))["primitives"]
     expected[0]["baseColorTexture"][0][0] += 9
     faults = runner.faults_of_arrays(runner.own((HOME / "one_primitive" / "in.glb").read_bytes())[1], expected)
     assert faults == ["baseColorTexture of primitive 0 differs"]

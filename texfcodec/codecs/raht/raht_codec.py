@@ -91,7 +91,7 @@ class Raht(PlaneCodec):
         return dec_attributes(support.keys, support.depth, coded, data, spans, stop, threads, inverse, reached, octree)
 
     def profile(self, values: dict) -> str:
-        """Return the profile of the unit: "lossless" if it has residuals, else "base"."""
+        """Return the profile of the unit: "lossless" with residuals, else "base"."""
         return PROFILES[1 if values["residual"] else 0]
 
     def check(self, values: dict) -> None:

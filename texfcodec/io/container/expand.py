@@ -174,7 +174,7 @@ class _Expansion:
         if columns["NORMAL"].any() or needs_normals:
             normal = columns["NORMAL"] if columns["NORMAL"].any() else texf.shading_normals()[rows].reshape(-1, 3)
             values["NORMAL"] = _unit(normal @ np.linalg.inv(linear)).astype(np.float32)
-            if "TANGENT" in entry["attributes"] and "TANGENT" in columns and columns["TANGENT"].any():
+            if "TANGENT" in entry.get("attributes", {}) and "TANGENT" in columns and columns["TANGENT"].any():
                 tangent = columns["TANGENT"].astype(np.float64)
                 turned = _unit(tangent[:, :3] @ linear.T)
                 values["TANGENT"] = np.column_stack([turned, tangent[:, 3] * (-1 if mirrored else 1)]).astype(np.float32)

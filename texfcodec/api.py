@@ -128,11 +128,11 @@ def encode_gltf(mesh: Stream, options: EncodeOptions | Mapping[str, Any] | None 
         As encode().
     """
     from .encoder.container.encode import encode_document
+    from .io.load import read_source
 
     options, report = options_of(EncodeOptions, options), report or Report()
-    data, folder = _file_of(mesh)
+    data, folder = read_source(mesh)
     encoded = encode_document(data, folder, options, report, encode_loaded)
-    refuse_losses(options, report)
     _warn_of_losses([*encoded.warnings, *map(_not_coded, encoded.dropped)])
     return encoded
 
@@ -163,18 +163,12 @@ def expand(gltf: Stream, options: DecodeOptions | Mapping[str, Any] | None = Non
         The file, or a stream in it, is at fault.
     """
     from .io.container.expand import expand_bytes
+    from .io.load import read_source
     from .sandbox.engines import decode_by_engine
 
     options, report = options_of(DecodeOptions, options), report or Report()
-    data, folder = _file_of(gltf)
+    data, folder = read_source(gltf)
     return expand_bytes(data, folder, lambda stream: decode_by_engine(stream, options, report), texture_format)
-
-
-def _file_of(source):
-    """Returns (the bytes of a file, the folder that relative names in it start from)."""
-    from .io.load import read_source
-
-    return read_source(source)
 
 
 def _encoded(mesh, options, report):

@@ -4,7 +4,7 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from gltf_scenes import SCENES, skinned, tree_of
+from gltf_scenes import SCENES, checker, skinned, tree_of, with_tree
 from mesh_files import load_bytes
 
 import texfcodec
@@ -40,9 +40,6 @@ def kept_json(root):
         for primitive in mesh["primitives"]:
             for key in ("attributes", "indices", "targets"):
                 primitive.pop(key, None)
-    for info in texture_infos({"materials": {f"{n}Texture": m for n, m in enumerate(root.get("materials", []))}}):
-        for key in ("index", "texCoord", "extensions"):
-            info.pop(key, None)
     for entry in root.get("materials", []):
         for info in texture_infos(entry):
             for key in ("index", "texCoord", "extensions"):
@@ -121,6 +118,86 @@ def test_a_mesh_that_100_nodes_show_is_coded_once(coded):
     alone.tree |= {"nodes": [{"mesh": 0, "scale": [3, 3, 3]}], "scenes": [{"nodes": [0]}]}
     streams = [texfcodec.encode_gltf(source, OPTIONS).sizes["streams"] for source in (coded["instances"][0], alone.glb())]
     assert streams[0] == streams[1]
+
+
+def bent(name, bend):
+    """The GLB of a scene after bend(builder)."""
+    builder = SCENES[name]()
+    bend(builder)
+    return builder.glb()
+
+
+def not_a_number(builder):
+    """Make the first UV of the first primitive NaN."""
+    accessor = builder.tree["accessors"][builder.tree["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"]]
+    at = builder.tree["bufferViews"][accessor["bufferView"]]["byteOffset"]
+    builder.blob = builder.blob[:at] + np.float32("nan").tobytes() + builder.blob[at + 4 :]
+
+
+def test_what_is_repaired_is_a_loss_and_strict_refuses_it():
+    source, report = bent("spinning", not_a_number), texfcodec.Report()
+    with pytest.warns(texfcodec.LossWarning):
+        coded = texfcodec.encode_gltf(source, OPTIONS, report)
+    assert coded.warnings == report.warnings and "NaN" in coded.warnings[0] and coded.dropped == report.dropped != []
+    with pytest.raises(texfcodec.InputError, match="TXF-I52"):
+        texfcodec.encode_gltf(source, {**OPTIONS, "strict": True})
+
+
+@pytest.mark.filterwarnings("error::texfcodec.LossWarning")
+def test_an_image_that_is_not_here_stays_named_and_is_no_loss():
+    source = bent("spinning", lambda builder: builder.tree["images"].__setitem__(0, {"uri": "gone.png"}))
+    coded = texfcodec.encode_gltf(source, {**OPTIONS, "strict": True})
+    assert coded.warnings == coded.dropped == [] and "stays in the file" in coded.remarks[0]
+    assert [image["uri"] for image in tree_of(texfcodec.expand(coded.data))["images"]] == ["gone.png"]
+
+
+def test_an_image_shown_at_a_single_place_keeps_its_uvs():
+    """Where all UVs are 0, too: a viewer needs the set that the material names."""
+    source = bent("spinning", lambda builder: setattr(builder, "blob", zeroed(builder, "TEXCOORD_0")))
+    root = tree_of(texfcodec.expand(texfcodec.encode_gltf(source, OPTIONS).data))
+    assert "TEXCOORD_0" in root["meshes"][0]["primitives"][0]["attributes"]
+
+
+def zeroed(builder, name):
+    """The buffer with the values of an attribute of the first primitive 0."""
+    view = builder.tree["bufferViews"][builder.tree["accessors"][builder.tree["meshes"][0]["primitives"][0]["attributes"][name]][
+        "bufferView"]]
+    begin, end = view["byteOffset"], view["byteOffset"] + view["byteLength"]
+    return builder.blob[:begin] + bytes(end - begin) + builder.blob[end:]
+
+
+def test_an_image_format_that_nothing_uses_any_more_is_not_declared():
+    source = SCENES["spinning"]()
+    source.tree["textures"][0] = {"extensions": {"EXT_texture_webp": {"source": 0}}}
+    source.tree |= {"extensionsUsed": ["EXT_texture_webp", "KHR_lights_punctual"], "extensionsRequired": ["EXT_texture_webp"]}
+    root = tree_of(texfcodec.expand(texfcodec.encode_gltf(source.glb(), OPTIONS).data))
+    assert root["extensionsUsed"] == ["KHR_lights_punctual"] and "extensionsRequired" not in root
+
+
+def test_a_material_with_images_of_two_fields_is_refused():
+    source = SCENES["skinned"]()
+    source.tree["textures"][1]["source"] = source.add("images", {"bufferView": source.view(checker((0, 200, 0))),
+                                                                  "mimeType": "image/png"})
+    data = texfcodec.encode_gltf(source.glb(), {**OPTIONS, "support": "texels"}).data
+    root = tree_of(data)
+    first, second = (mesh["primitives"][0] for mesh in root["meshes"])
+    second["material"] = first["material"]
+    with pytest.raises(texfcodec.InputError, match="several streams or fields"):
+        texfcodec.expand(with_tree(data, root))
+
+
+@pytest.mark.parametrize("options", [("--target-bytes", "3000"), ("--explain-time",)])
+def test_options_of_a_single_stream_are_refused(options, call, tmp_path):
+    (tmp_path / "a.glb").write_bytes(skinned().glb())
+    code, _, said = call("texf-enc", tmp_path / "a.glb", tmp_path / "b.glb", *options)
+    assert code in (1, 2) and ("scene" in said or "OUT.glb" in said)
+    assert not (tmp_path / "b.glb").exists()
+
+
+def test_options_of_an_atlas_do_not_apply_to_a_scene(call, tmp_path, coded):
+    (tmp_path / "a.glb").write_bytes(coded["skinned"][1])
+    assert call("texf-dec", tmp_path / "a.glb", tmp_path / "b.glb", "--compress", "draco")[0] == 1
+    assert call("texf-dec", tmp_path / "a.glb", tmp_path / "b.glb", "--texture-format", "png")[0] == 0
 
 
 def test_the_tools_code_and_expand_a_scene(call, tmp_path):

@@ -46,7 +46,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a task ended. state: one of DONE, FAILED, FULL, INTERRUPTED, OVERDUE, UNSUITED; reason: a sentence, "" for DONE."""
+    """The end of a task. state: one of DONE, FAILED, FULL, INTERRUPTED, OVERDUE, UNSUITED; reason: a sentence, "" for DONE."""
 
     state: str
     reason: str = ""

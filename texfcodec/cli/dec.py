@@ -10,6 +10,7 @@ from ..bitstream.file import read_stream_file
 from ..io.container.layout import open_scene_file
 from ..io.formats import APPEARANCES, ATLAS_METHODS, COMPRESSIONS, SAVED_SUFFIXES, TEXTURE_FORMATS
 from ..io.gltf.carried import stream_within
+from ..io.save_choice import SaveOptions
 from ..options import DecodeOptions
 from ..precompile import DECODING
 from ..report import plural
@@ -89,7 +90,11 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     if open_scene_file(data) is not None:
         if out != "-" and not out.lower().endswith(".glb"):
             raise click.UsageError(f"{source} is a scene whose meshes are coded: OUT must end in .glb")
-        return expand_scene_file(console, data, source, out, options, save_options["texture_format"])
+        texture_format = save_options.pop("texture_format")
+        if carry_stream or SaveOptions(**save_options) != SaveOptions():
+            raise click.UsageError(f"{source} is a scene whose meshes are coded: of the options for OUT, only --texture-format "
+                                   "applies")
+        return expand_scene_file(console, data, source, out, options, texture_format)
     data = stream_within(data)
     sandboxed = takes_sandbox(options)
     if not sandboxed:

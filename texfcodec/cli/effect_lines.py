@@ -1,4 +1,4 @@
-"""Lines for texf-enc and texf-info: counts in a stream, and the decision, reasons and cost of each channel."""
+"""Lines for texf-enc and texf-info: counts in a stream, the decision, reasons and cost of each channel, and losses."""
 
 from collections.abc import Iterator
 
@@ -6,6 +6,7 @@ from ..core.colour_error import in_decibels
 from ..report import plural
 
 DECISIONS = ("coded", "constant", "absent")
+NAMED = 3  # losses in the result line
 
 
 def counted(facts: dict) -> tuple[str, str]:
@@ -40,3 +41,12 @@ def _cost(name, coded):
     errors = [value for value in worst if value is not None]
     size, seconds = sum(group["bytes"] for group in coded), sum(group["encode_ms"] for group in coded)
     return f"{size} bytes{joint}, {in_decibels(min(errors) if errors else None)}, {seconds:.0f} ms"
+
+
+def losses_in_words(facts: dict) -> str:
+    """Return the end of a result line: the first losses and the number of others, or of warnings. facts: of a report."""
+    dropped, warnings = facts["dropped"], facts["warnings"]
+    if dropped:
+        more = f" and {len(dropped) - NAMED} more, listed above" if len(dropped) > NAMED else ""
+        return f"; losses: {', '.join(dropped[:NAMED])}{more}"
+    return f"; {plural(len(warnings), 'warning', 'warnings')} listed above" if warnings else "; no losses"

@@ -16,13 +16,12 @@ from ..precompile import ENCODING, warm_up
 from ..report import plural
 from .batch import batch_flags, batch_of, encode_batch
 from .console import SIGNS, STYLE, check_output, is_device, run, run_facts, timing_line, write_output
-from .effect_lines import counted, decision_lines
+from .effect_lines import counted, decision_lines, losses_in_words
 from .explain_lines import explain_flags, explain_lines, seconds_to_explain
 from .flags import file_names, flag_of, limit_flags, limits_of, option_flags, report_flags
 from .inputs import load_mesh
 from .scene_file import encode_scene_file
 
-_NAMED = 3  # losses in the result line
 _SCENE = ".glb"
 RATE, KEPT, EFFORT, CODEC, NEURAL, LIMITS, BATCH = (OptionGroup(name, help=text) for name, text in {
     "Rate": "Bytes or quality. K or QP alone takes the other from r04.",
@@ -105,6 +104,8 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
     if not dry_run:
         _check_output(out, source)
         console.note_first_run(ENCODING)
+    if _is_scene(out) and explained is not None:
+        raise click.UsageError("--explain-time cannot be combined with OUT.glb")
     if _is_scene(out) and not dry_run:
         return encode_scene_file(console, source, out, options)
     with console.progress() as report:
@@ -307,7 +308,7 @@ def _size_lines(facts):
 
 def _check_lines(facts):
     """Yields the line that compares the stream with its source, with the losses of reading."""
-    check, lost = facts["check"], _losses_in_words(facts)
+    check, lost = facts["check"], losses_in_words(facts)
     if check is None:
         yield from [f"not checked{lost}"] * bool(facts["dropped"])
         return
@@ -326,15 +327,6 @@ def _check_lines(facts):
 def _as_read(decibels, facts):
     """Returns a PSNR in words: a match is "exact", or "as read" if reading lost something."""
     return "as read" if decibels is None and facts["dropped"] else in_decibels(decibels)
-
-
-def _losses_in_words(facts):
-    """Names the first losses and counts the others; counts the warnings if nothing is lost."""
-    dropped, warnings = facts["dropped"], facts["warnings"]
-    if dropped:
-        more = f" and {len(dropped) - _NAMED} more, listed above" if len(dropped) > _NAMED else ""
-        return f"; losses: {', '.join(dropped[:_NAMED])}{more}"
-    return f"; {plural(len(warnings), 'warning', 'warnings')} listed above" if warnings else "; no losses"
 
 
 def _psnr_lines(facts):

@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..api import encode_loaded, expand, refuse_losses
+from ..api import encode_loaded, expand
 from ..core.colour_error import in_decibels
 from ..core.json_text import json_ready
 from ..io.load import read_source
 from ..io.opened import opened, recording
 from ..report import plural
 from .console import Console, check_output, run_facts, timing_line, write_output
+from .effect_lines import losses_in_words
 
 if TYPE_CHECKING:
     from ..options import DecodeOptions, EncodeOptions
@@ -26,7 +27,6 @@ def encode_scene_file(console: Console, source: str, out: str, options: EncodeOp
         data, folder = read_source(source)
         opened(Path(source))
         encoded = encode_document(data, folder, options, report, encode_loaded)
-        refuse_losses(options, report)
         check_output(out, files)
         write_output(out, encoded.data, files)
     if not console.as_json:
@@ -43,7 +43,7 @@ def encode_scene_file(console: Console, source: str, out: str, options: EncodeOp
 def _lines(facts: dict[str, Any], out: str) -> Iterator[str]:
     sizes, source = facts["bytes"], facts["source"]
     streams = plural(len(facts["streams"]), "stream", "streams")
-    yield f"{out}: {sizes['total']} bytes; {streams} {sizes['streams']}, everything else {sizes['other']}"
+    yield f"{out}: {sizes['total']} bytes; {streams} {sizes['streams']}, everything else {sizes['other']}{losses_in_words(facts)}"
     files = "" if source["files"] == 1 else f" in {source['files']} files"
     yield f"source: {source['bytes']} bytes{files}, {facts['ratio']:.3g} times the file"
     for number, stream in enumerate(facts["streams"]):

@@ -1,4 +1,4 @@
-"""From EncodeOptions to what each stage reads of them; no stage knows the options themselves (encoder only)."""
+"""Requests of the stages: each holds the options that its stage reads. No stage knows EncodeOptions itself (encoder only)."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Self, TypeVar
@@ -12,7 +13,7 @@ import numpy as np
 Kept = TypeVar("Kept")
 
 
-class Keyed:
+class Keyed(ABC):
     """A set of cells that hold values; base of dataclasses. keys: int64 [N] ascending Morton keys; level_shift: number of omitted
     levels (a cell is 2**level_shift full ones wide); planar: whether every z is 0."""
 
@@ -21,9 +22,9 @@ class Keyed:
     planar = False
 
     @property
+    @abstractmethod
     def depth(self) -> int:
         """Levels of the tree over these cells."""
-        raise NotImplementedError
 
     def kept(self, name: str, make: Callable[[], Kept]) -> Kept:
         """Result of make(), computed at the first call for this name and cached until forget(). Codecs keep here what all planes

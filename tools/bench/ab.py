@@ -129,7 +129,7 @@ def place_of(frame):
 
 
 def count_compiled(spent):
-    """From now on add the seconds that Numba takes for each kernel, without kernels within, to spent, a Counter."""
+    """Make Numba add the seconds that it takes for each kernel, without kernels within, to spent, a Counter."""
     from numba.core import compiler
 
     inner, usual = [0.0], compiler.compile_extra

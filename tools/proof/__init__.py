@@ -1,1 +1,1 @@
-"""What is shown beside the tests: bounds, determinism, load, mutants, coverage, and public models."""
+"""Evidence beside the tests: bounds, determinism, mutants, coverage, and public models."""

@@ -66,8 +66,9 @@ class NotMade(Exception):
 
 
 class Case(NamedTuple):
-    """What is encoded and decoded. name: row of the table, which several cases may share; source, options: what is encoded, None
-    if it is only decoded; path: of the asset or the stream; tiny: whether interpreted kernels are quick enough."""
+    """An asset to encode and decode, or a stream to decode. name: row of the table, which several cases may share; source,
+    options: what is encoded, None if it is only decoded; path: of the asset or the stream; tiny: whether interpreted kernels are
+    quick enough."""
 
     key: str
     name: str

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...bitstream.stream import read_stream, write_stream
+from ...errors import InputError
 from ...io.container.layout import CodedPrimitive, short_numbers, write_extension
-from ...io.container.references import texture_infos
-from ...io.container.rewritten import ARRAY, Rewritten
+from ...io.container.rewritten import Rewritten
 from ...io.gltf.carried import EXTENSION
 from ...io.gltf.document import open_document
 from ...io.gltf.material import slot_of
 from ...io.gltf.properties import extensions
 from ...io.gltf.properties import part as part_of
 from ...io.gltf.reader import place
-from ...io.parts import assemble
-from ...scene.channels import BASE_COLOUR, BY_NAME
+from ...io.parts import Notes, assemble
+from ...report import SENTENCES
+from ...scene.channels import BY_NAME
 from .keyframes import reduce_keyframes
 from .line_up import line_up
 from .plan import KeptNotes, plan_of
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from .plan import CodedPart, Plan
 
 _DRACO = "KHR_draco_mesh_compression"
-Code = "Callable[[Scene, EncodeOptions, Report], Encoded]"
 
 
 @dataclass(kw_only=True)
@@ -65,7 +65,8 @@ class EncodedContainer:
     remarks: list[str] = field(default_factory=list)
 
 
-def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: Report, code: Callable) -> EncodedContainer:
+def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: Report,
+                    code: Callable[[Scene, EncodeOptions, Report], Encoded]) -> EncodedContainer:
     """Code the meshes of a glTF file.
 
     Parameters
@@ -77,16 +78,19 @@ def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: R
     options : EncodeOptions
         Of every stream; meshes with stored values keep their vertices.
     report : Report
-        Receives seconds and messages.
+        Receives seconds, losses and remarks.
     code : function
-        (Scene, EncodeOptions, Report) -> Encoded.
+        (Scene, EncodeOptions, Report) -> Encoded. It refuses the report's losses if options are strict.
 
     Raises
     ------
     InputError, LimitError, SupportError
-        The file is at fault.
+        The file or an option is at fault.
     """
-    document = open_document(data, folder, KeptNotes(options.strict, options.limits))
+    if options.target_bytes is not None:
+        raise InputError("TXF-I50", "target_bytes is of a single stream; a scene may have several", value=options.target_bytes)
+    known = {name: len(getattr(report, name)) for name in SENTENCES}
+    document = open_document(data, folder, KeptNotes(limits=options.limits))
     out = Rewritten(document)
     views = list(part_of(extensions(document.root), EXTENSION).get("streams", []))
     streams: list[Encoded] = []
@@ -101,14 +105,14 @@ def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: R
             if units:
                 _write_part(document, out, plan, part, coded, units)
     if streams:
-        _write_file(document, out, plan, views)
+        _write_file(out, plan, views)
         if not options.keep_animations:
             reduce_keyframes(document, out)
     glb = out.glb(deflate=bool(streams))
     held = sum(len(encoded.data) for encoded in streams)
     report.remarks += plan.remarks
     return EncodedContainer(data=glb, streams=streams, sizes={"streams": held, "other": len(glb) - held},
-                            warnings=plan.notes.warnings, dropped=plan.notes.dropped, remarks=plan.remarks)
+                            **{name: getattr(report, name)[count:] for name, count in known.items()})
 
 
 @dataclass(kw_only=True)
@@ -131,6 +135,8 @@ def _coded(plan: Plan, parts: list[CodedPart], options, report, code) -> _Coded:
     keeps = any(part.keeps_vertices for part in parts)
     request = options.changed(effects="all", **({"keep_mesh": True} if keeps else {}))
     scene = _scene(plan, parts)
+    for name in SENTENCES:
+        setattr(report, name, getattr(report, name) + getattr(scene, name))
     for support in (options.support, "voxels"):
         encoded = code(scene, request.changed(support=support), report)
         encoded = _without_factors(encoded, options.limits)
@@ -170,7 +176,7 @@ def _scene(plan, parts) -> Scene:
     materials = [replace(material, name=parts[number].part.label, texture=number_of[material.texture],
                          maps={name: number_of[t] for name, t in material.maps.items()})
                  for number, material in enumerate(materials)]
-    scene = assemble(placed, materials, [plan.textures[t] for t in used], KeptNotes())
+    scene = assemble(placed, materials, [plan.textures[t] for t in used], Notes())
     scene.flat = True
     return scene
 
@@ -187,7 +193,7 @@ def _write_part(document: Document, out: Rewritten, plan: Plan, part: CodedPart,
         stored = _stored_arrays(document, plan, part)
         lined = line_up(texf, units, points, faces, _equal_rows([values[rows] for values, *_ in stored.values()], len(points)))
         count, splits = len(lined.source), lined.splits
-        _write_stored(document, out, primitive, stored, rows[lined.source])
+        _write_stored(out, primitive, stored, rows[lined.source])
     description = CodedPrimitive(mesh=part.mesh, number=part.number, stream=coded.number, units=units,
                                  matrix=np.linalg.inv(part.place), texcoord=plan.texcoord[part.material], splits=splits)
     texcoord = description.texcoord if plan.slots[part.material] else None
@@ -212,17 +218,11 @@ def _equal_rows(arrays, count):
     return np.unique(packed, axis=0, return_inverse=True)[1].reshape(-1)
 
 
-def _write_stored(document, out, primitive, stored, rows):
+def _write_stored(out, primitive, stored, rows):
     """Store the values of a primitive in another order. rows: int64 [N] into the source's."""
     for key, (values, number) in stored.items():
-        old = document.entry("accessors", number)
-        is_target = isinstance(key, tuple)
-        sparse = is_target and ("sparse" in old or "bufferView" not in old)
-        new = out.add_accessor(values[rows], old["type"], bool(old.get("normalized")), None if sparse else ARRAY, sparse)
-        if is_target and "min" in old:
-            taken = values[rows]
-            out.root["accessors"][new] |= {"min": taken.min(axis=0).tolist(), "max": taken.max(axis=0).tolist()}
-        if is_target:
+        new = out.add_stored(number, values[rows], isinstance(key, tuple))
+        if isinstance(key, tuple):
             primitive["targets"][key[0]][key[1]] = new
         else:
             primitive["attributes"][key] = new
@@ -238,9 +238,9 @@ def _write_described(out, primitive, part, points, counts, texcoord):
              for name, kind in (("NORMAL", "VEC3"), ("TANGENT", "VEC4")) if name in primitive["attributes"]}
     if texcoord is not None:
         held[f"TEXCOORD_{texcoord}"] = {"componentType": 5126, "count": counts[0], "type": "VEC2"}
-    numbers = {name: _shared(out, entry) for name, entry in held.items()}
+    numbers = {name: out.add("accessors", entry) for name, entry in held.items()}  # equal ones are merged in the end
     primitive["attributes"] = numbers | attributes
-    primitive["indices"] = _shared(out, {"componentType": 5125, "count": counts[1], "type": "SCALAR"})
+    primitive["indices"] = out.add("accessors", {"componentType": 5125, "count": counts[1], "type": "SCALAR"})
     primitive.pop("mode", None)
     table = primitive.get("extensions", {})
     table.pop(_DRACO, None)
@@ -248,28 +248,14 @@ def _write_described(out, primitive, part, points, counts, texcoord):
         del primitive["extensions"]
 
 
-def _shared(out, entry):
-    """Return the number of an accessor without data, which several primitives may share."""
-    known = out.root["accessors"]
-    return known.index(entry) if entry in known else out.add("accessors", entry)
-
-
-def _write_file(document, out, plan, views):
+def _write_file(out, plan, views):
     """Name the streams, and take coded images out of the materials."""
     out.root.setdefault("extensions", {})[EXTENSION] = {"streams": views}
     out.use_extension(EXTENSION, required=True)
     empty = None
     for number, channels in plan.slots.items():
         for name in channels if number is not None else ():
-            info = slot_of(out.root["materials"][number], BASE_COLOUR if name == BASE_COLOUR.name else BY_NAME[name])
+            info = slot_of(out.root["materials"][number], BY_NAME[name])
             empty = out.add("textures", {}) if empty is None else empty
             info["index"] = empty
-    draco = any(_DRACO in primitive.get("extensions", {}) for mesh in out.root["meshes"]
-                for primitive in mesh.get("primitives", []))
-    if not draco:
-        out.drop_extension(_DRACO)
-    for name in ("KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds"):
-        kept = {info["index"] for entry in out.root.get("materials", []) for info in texture_infos(entry)}
-        if not any(name in out.root["textures"][n].get("extensions", {}) for n in kept):
-            out.drop_extension(name)
 

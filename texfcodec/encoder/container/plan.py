@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import LimitError, TexfError
+from ...io.container.layout import FROM_STREAM
 from ...io.container.references import texture_infos
 from ...io.gltf.carried import EXTENSION
 from ...io.gltf.material import read_material, read_material_fields, slot_of
@@ -30,20 +31,25 @@ if TYPE_CHECKING:
     from ...io.parts import Part
 
 _SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
-_SIZES = 64.0  # ratio of sizes from which on two meshes have lattices of their own
+_SIZES = 64.0  # ratio of sizes from which on two meshes have lattices of their own; chosen, not measured
 _TRIANGLES = (4, 5, 6)
-FROM_STREAM = ("POSITION", "NORMAL", "TANGENT")
 
 
 class KeptNotes(Notes):
-    """Notes of a reader whose caller keeps what the reader leaves out: only losses count."""
+    """Notes of a reader whose caller keeps in the file what the reader leaves out, guesses or repairs: nothing is lost."""
 
     def drop(self, name: str) -> None:
         """Ignore the name: the property stays in the file."""
 
-    def lose(self, name: str, sentence: str) -> None:
-        super().drop(name)
-        self.warn(sentence)
+    def remark(self, sentence: str) -> None:
+        """Ignore what a reader says of such properties."""
+
+    def warn(self, sentence: str) -> None:
+        """Ignore what a reader says of such properties."""
+
+    def fault(self, code: str, message: str, name: str, **details: object) -> None:
+        """Remark that something stays in the file as it is."""
+        super().remark(f"{name} stays in the file as it is ({code})")
 
 
 @dataclass(kw_only=True)
@@ -62,22 +68,21 @@ class CodedPart:
 
     @property
     def keeps_vertices(self) -> bool:
-        """Whether values are stored for its vertices."""
+        """True if values are stored for its vertices."""
         return bool(self.stored) or self.has_targets
 
 
 @dataclass(kw_only=True)
 class Plan:
-    """What is coded of a file. streams: parts of each stream; materials: as a stream holds them, by index in the file, with
+    """Decisions on a file. streams: parts of each stream; materials: as a stream holds them, by index in the file, with
     textures of `textures`; slots: coded channels of each material; texcoord: number of the UV set that streams give it; reader:
-    of the file's meshes; remarks: why primitives are not coded."""
+    of the file's meshes; remarks: why primitives and images are not coded."""
 
     streams: list[list[CodedPart]]
     materials: dict[int | None, Material]
     textures: list
     slots: dict[int | None, tuple[str, ...]]
     texcoord: dict[int | None, int]
-    notes: Notes
     reader: MeshReader
     remarks: list[str]
 
@@ -85,12 +90,12 @@ class Plan:
 @np.errstate(all="ignore")  # overflow and NaN are values that primitives are left out for
 def plan_of(document: Document) -> Plan:
     """Return the Plan of a file. Raises InputError, LimitError, SupportError."""
-    notes, shelf = document.notes, TextureShelf(document.notes)
+    shelf = TextureShelf(document.notes)
     remarks: list[str] = []
     fields: dict[int | None, MaterialFields] = {}
     reader = MeshReader(document, lambda material: fields.setdefault(material, read_material_fields(document, material)))
     parts, idle = _read_parts(document, reader, remarks)
-    materials = {material: read_material(document, material, read_material_fields(document, material), shelf)
+    materials = {material: read_material(document, material, fields[material], shelf)
                  for material in dict.fromkeys(part.material for part in parts)}
     pinned = _pinned_materials(document, idle)
     slots = {number: () if number in pinned else _channels(material) for number, material in materials.items()}
@@ -102,7 +107,7 @@ def plan_of(document: Document) -> Plan:
     _place_parts(document, parts)
     reduced = {number: _reduced(material, slots[number]) for number, material in materials.items()}
     return Plan(streams=_grouped(parts, reduced), materials=reduced, textures=shelf.textures, slots=slots, texcoord=texcoord,
-                notes=notes, reader=reader, remarks=remarks)
+                reader=reader, remarks=[*remarks, *document.notes.remarks])
 
 
 def _read_parts(document, reader, remarks):
@@ -175,7 +180,7 @@ def _add_stored(document, parts, slots):
         for number in {part.material, *_alternatives(primitive)} - {None}:
             entry = document.entry("materials", number)
             coded = slots.get(number, ()) if number == part.material else ()
-            infos = [slot_of(entry, BASE_COLOUR if name == BASE_COLOUR.name else BY_NAME[name]) for name in coded]
+            infos = [slot_of(entry, BY_NAME[name]) for name in coded]
             for info in texture_infos(entry):
                 if not any(info is coded_info for coded_info in infos):
                     transform = extensions(info).get("KHR_texture_transform", {})

@@ -73,7 +73,6 @@ def expanded(document: Document, decode: Callable[[bytes], Texf], texture_format
     out.root["extensions"].pop(EXTENSION)
     if not out.root["extensions"]:
         del out.root["extensions"]
-    out.drop_extension(EXTENSION)
     return out.glb()
 
 
@@ -97,7 +96,8 @@ class _Expansion:
         for coded in self.primitives:
             rows = np.concatenate([np.arange(starts[n], starts[n + 1]) for n in coded.units])
             corners = (3 * rows[:, None] + np.arange(3)).reshape(-1)
-            self._write_primitive(coded, rows, {name: column.values[corners] for name, column in columns.items()})
+            has_image = bool(mesh.materials.has_image[rows].any())
+            self._write_primitive(coded, rows, has_image, {name: column.values[corners] for name, column in columns.items()})
 
     def _entry(self, coded):
         return self.out.root["meshes"][coded.mesh]["primitives"][coded.number]
@@ -151,8 +151,10 @@ class _Expansion:
         texcoord = {self._entry(coded).get("material"): coded.texcoord for coded in self.primitives}
         for material, images_of in zip(self.file_materials, mesh.images, strict=False):
             for name, image in images_of.items():
-                channel = BASE_COLOUR if name == BASE_COLOUR.name else BY_NAME[name]
-                info = slot_of(self.out.root["materials"][material], channel)
+                info = slot_of(self.out.root["materials"][material], BY_NAME[name])
+                is_given = not self.out.root["textures"][info["index"]].keys().isdisjoint(("source", "extensions"))
+                if is_given and info["index"] != numbers[image]:  # two channels may share a slot, not two images
+                    raise malformed("a material gets its images from several streams or fields", value=material)
                 _refer(info, numbers[image], texcoord[material])
 
     def _sampler(self, texture):
@@ -160,8 +162,9 @@ class _Expansion:
         known = self.out.root.setdefault("samplers", [])
         return known.index(sampler) if sampler in known else self.out.add("samplers", sampler)
 
-    def _write_primitive(self, coded, rows, columns):
-        """Write one primitive. rows: its faces; columns: values at their corners, [3 F, k]."""
+    def _write_primitive(self, coded, rows, has_image, columns):
+        """Write one primitive. rows: its faces; has_image: whether its UVs are needed; columns: values at their corners, [3 F,
+        k]."""
         entry, texf = self._entry(coded), self.texf
         vertex = coded.corners(texf).reshape(-1)
         linear = coded.matrix[:3, :3]
@@ -178,7 +181,7 @@ class _Expansion:
                 tangent = columns["TANGENT"].astype(np.float64)
                 turned = _unit(tangent[:, :3] @ linear.T)
                 values["TANGENT"] = np.column_stack([turned, tangent[:, 3] * (-1 if mirrored else 1)]).astype(np.float32)
-        if columns["TEXCOORD_0"].any():
+        if has_image:
             values[f"TEXCOORD_{coded.texcoord}"] = columns["TEXCOORD_0"].astype(np.float32)
         faces = np.arange(len(vertex)).reshape(-1, 3)
         order = (faces[:, [0, 2, 1]] if mirrored else faces).reshape(-1)
@@ -196,7 +199,7 @@ class _Expansion:
         for name, column in values.items():
             number = attributes[name] = self.out.add_accessor(column, f"VEC{column.shape[1]}", target=ARRAY)
             if name == "POSITION":
-                self.out.root["accessors"][number] |= {"min": column.min(axis=0).tolist(), "max": column.max(axis=0).tolist()}
+                self.out.add_bounds(number, column)
         for name, number in entry.get("attributes", {}).items():
             if name not in values and _is_stored(self.document, number):
                 attributes[name] = self._repeated(number, vertex)
@@ -210,13 +213,8 @@ class _Expansion:
 
     def _repeated(self, number, vertex, is_target=False):
         """Return the number of a new accessor with the values of stored vertices."""
-        old = self.document.entry("accessors", number)
-        values = read_accessor(self.document, number, ("SCALAR", "VEC2", "VEC3", "VEC4"))[vertex]
-        sparse = is_target and ("sparse" in old or "bufferView" not in old)
-        number = self.out.add_accessor(values, old["type"], bool(old.get("normalized")), None if sparse else ARRAY, sparse)
-        if is_target and "min" in old:
-            self.out.root["accessors"][number] |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
-        return number
+        values = read_accessor(self.document, number, ("SCALAR", "VEC2", "VEC3", "VEC4"))
+        return self.out.add_stored(number, values[vertex], is_target)
 
 
 def _is_stored(document, number):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ...texf import Texf
     from ..gltf.document import Document
 
-OF_STREAM = ("POSITION", "NORMAL", "TANGENT")  # and one TEXCOORD set
+FROM_STREAM = ("POSITION", "NORMAL", "TANGENT")  # and one TEXCOORD set
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 

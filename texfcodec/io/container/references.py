@@ -59,16 +59,16 @@ class Reference(NamedTuple):
 
 def has_unknown_references(root: dict) -> bool:
     """Return whether the file uses an extension that may refer to entries in a way that is not known here."""
-    return any(not name.startswith(_KNOWN) for name in [*root.get("extensionsUsed", []), *_extension_names(root)])
+    return any(not name.startswith(_KNOWN) for name in [*root.get("extensionsUsed", []), *extension_names(root)])
 
 
-def _extension_names(value):
+def extension_names(value: Any) -> Iterator[str]:
     """Yield the names of extensions in a tree, also of those that the file does not declare."""
     for key, child in value.items() if isinstance(value, dict) else ():
         if key == "extensions" and isinstance(child, dict):
             yield from child
     for child in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
-        yield from _extension_names(child)
+        yield from extension_names(child)
 
 
 def references(root: dict) -> Iterator[tuple[tuple[str, int], Reference]]:

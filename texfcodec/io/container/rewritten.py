@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import struct
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core.json_text import json_text
 from ...errors import InputError, LimitError
 from ..gltf.accessor import DTYPES
 from ..gltf.deflated import enc_view
 from ..gltf.document import DEFLATED
 from ..gltf.meshopt import EXTENSIONS as MESHOPT
 from ..gltf.properties import extensions
+from ..gltf.writer import glb_pieces
 from .packed_accessors import pack_accessors, row_size
-from .references import DATA, has_unknown_references, reached, references
+from .references import DATA, extension_names, has_unknown_references, reached, references
 
 if TYPE_CHECKING:
     from ..gltf.document import Document
@@ -27,6 +26,8 @@ _ALIGNMENT = 4
 MOST_BYTES = 1 << 31  # of the buffer
 _WORTH = 80  # bytes that the JSON of a deflated view takes
 PACKED = (DEFLATED, *MESHOPT)
+_LAYOUT = (*PACKED, "KHR_draco_mesh_compression", "KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif",
+           "MSFT_texture_dds")  # extensions of how data is stored
 _IMAGES = ((0, b"\x89PNG", "image/png"), (0, b"\xff\xd8\xff", "image/jpeg"), (8, b"WEBP", "image/webp"),
            (4, b"ftypavif", "image/avif"), (0, b"\xabKTX 20\xbb", "image/ktx2"), (0, b"DDS ", "image/vnd-ms.dds"))
 
@@ -77,7 +78,9 @@ class Rewritten:
             Whether rows of 0 may be left out.
         """
         values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-        entry = describe(values, kind, normalized)
+        entry: dict[str, Any] = {"componentType": _COMPONENTS[values.dtype.str[1:]], "count": len(values), "type": kind}
+        if normalized:
+            entry["normalized"] = True
         rows = np.flatnonzero(values.any(axis=1))
         if sparse and 2 * len(rows) < len(values):
             if len(rows):
@@ -89,6 +92,20 @@ class Rewritten:
         else:
             entry["bufferView"] = self._add_rows(values, target)
         return self.add("accessors", entry)
+
+    def add_stored(self, number: int, values: np.ndarray, is_target: bool) -> int:
+        """Append stored values in another order or number of rows; return the number of their accessor. number: of the source's
+        accessor, which says how they are stored; values: [N, width]; is_target: whether they are a morph target's."""
+        old = self.document.entry("accessors", number)
+        sparse = is_target and ("sparse" in old or "bufferView" not in old)
+        new = self.add_accessor(values, old["type"], bool(old.get("normalized")), None if sparse else ARRAY, sparse)
+        if is_target and "min" in old:
+            self.add_bounds(new, values)
+        return new
+
+    def add_bounds(self, number: int, values: np.ndarray) -> None:
+        """Give an accessor min and max. values: [N, width]."""
+        self.root["accessors"][number] |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
 
     def _add_rows(self, values, target):
         """Return the number of a new view of an array."""
@@ -105,14 +122,6 @@ class Rewritten:
         for kind in ("extensionsUsed", "extensionsRequired")[: 1 + required]:
             if name not in self.root.get(kind, ()):
                 self.root.setdefault(kind, []).append(name)
-
-    def drop_extension(self, name: str) -> None:
-        """Remove an extension from extensionsUsed and extensionsRequired."""
-        for kind in ("extensionsUsed", "extensionsRequired"):
-            if name in self.root.get(kind, ()):
-                self.root[kind].remove(name)
-                if not self.root[kind]:
-                    del self.root[kind]
 
     def glb(self, deflate: bool = False) -> bytes:
         """Return the file.
@@ -131,11 +140,17 @@ class Rewritten:
         if deflate:
             self._deflate()
         pieces, length = self._buffer()
-        text = json_text(self.root, ensure_ascii=False, separators=(",", ":")).encode("utf-8", "replace")
-        text += b" " * (-len(text) % 4)
-        total = 12 + 8 + len(text) + (8 + length if pieces else 0)
-        head = [struct.pack("<4sIIII", b"glTF", 2, total, len(text), 0x4E4F534A), text]
-        return b"".join(head + ([struct.pack("<II", length, 0x004E4942), *pieces] if pieces else []))
+        self._drop_extensions()
+        return b"".join(glb_pieces(self.root, pieces, length))
+
+    def _drop_extensions(self):
+        """Remove extensions of the layout that the source used and this file does not, and empty lists of extensions."""
+        gone = set(_LAYOUT) & set(extension_names(self.document.root)) - set(extension_names(self.root))
+        for kind in ("extensionsUsed", "extensionsRequired"):
+            if kind in self.root:
+                self.root[kind] = [name for name in self.root[kind] if name not in gone]
+                if not self.root[kind]:
+                    del self.root[kind]
 
     def view(self, number: int) -> tuple[memoryview | bytes, int | None]:
         """Return (bytes, byteStride or None) of a bufferView, decoded if it was compressed."""
@@ -215,13 +230,3 @@ class Rewritten:
 def _image_type(data):
     """Return the media type of an image file, "" if it is not known."""
     return next((mime for at, start, mime in _IMAGES if data[at : at + len(start)] == start), "")
-
-
-def describe(values: np.ndarray, kind: str, normalized: bool = False, bounds: bool = False) -> dict:
-    """Return an accessor for an array [N, width], without its data. bounds: whether it has min and max."""
-    entry: dict[str, Any] = {"componentType": _COMPONENTS[values.dtype.str[1:]], "count": len(values), "type": kind}
-    if normalized:
-        entry["normalized"] = True
-    if bounds:
-        entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
-    return entry

@@ -35,7 +35,7 @@ def read_accessor(document: Document, index: int, kinds: tuple[str, ...]) -> np.
 
 
 def is_readable(entry: dict) -> bool:
-    """Whether shape_of() knows the types of an accessor; matrices of 2 x 2 and 3 x 3 have padding, which is not read."""
+    """Return whether shape_of() knows the types of an accessor. Matrices of 2 x 2 and 3 x 3 have padding, which is not read."""
     kind, component = entry.get("type"), entry.get("componentType")
     return isinstance(kind, str) and kind in _WIDTHS and isinstance(component, int) and component in DTYPES
 

@@ -268,23 +268,26 @@ def points(texf: Texf) -> Document:
 def glb(document: Document) -> list:
     """The document as the pieces of a .glb file (list of bytes)."""
     document.finish()
-    text = _text(document)
+    return glb_pieces(document.json, document.pieces, document.length)
+
+
+def glb_pieces(root: dict, pieces: list, length: int) -> list:
+    """The pieces of a .glb file (list of bytes). root: JSON tree; pieces: of the buffer; length: their bytes."""
+    text = _text(root)
     text += b" " * (-len(text) % 4)
-    total = 12 + 8 + len(text) + (8 + document.length if document.pieces else 0)
-    pieces = [struct.pack("<4sIIII", b"glTF", 2, total, len(text), 0x4E4F534A), text]
-    if document.pieces:
-        pieces += [struct.pack("<II", document.length, 0x004E4942), *document.pieces]
-    return pieces
+    total = 12 + 8 + len(text) + (8 + length if pieces else 0)
+    head = [struct.pack("<4sIIII", b"glTF", 2, total, len(text), 0x4E4F534A), text]
+    return head + ([struct.pack("<II", length, 0x004E4942), *pieces] if pieces else [])
 
 
 def gltf(document: Document, buffer_uri: str) -> tuple[list, list]:
     """The document as the pieces of a .gltf file and of its buffer: (list of bytes, list of bytes)."""
     document.finish(buffer_uri)
-    return [_text(document)], document.pieces
+    return [_text(document.json)], document.pieces
 
 
-def _text(document):
-    return json_text(document.json, ensure_ascii=False, separators=(",", ":")).encode("utf-8", "replace")
+def _text(root):
+    return json_text(root, ensure_ascii=False, separators=(",", ":")).encode("utf-8", "replace")
 
 
 class _Groups(NamedTuple):

@@ -24,8 +24,8 @@ WRAPS = {WRAP_REPEAT: 10497, WRAP_CLAMP: 33071, WRAP_MIRROR: 33648}
 
 @dataclass
 class Source:
-    """What rivals code of a Scene. scene: its materials without maps and names; images: {content: uint8 [H, W, 3 or 4]} that
-    faces use, each once; content: key of each texture's image, None if unused."""
+    """A Scene without its images, and these, as rivals code them. scene: its materials without maps and names; images: {content:
+    uint8 [H, W, 3 or 4]} that faces use, each once; content: key of each texture's image, None if unused."""
 
     scene: object
     images: dict

@@ -77,7 +77,7 @@ made where they are wanted, in five minutes:
 ## Scenes
 
 `container/` has small glTF files whose primitives come from streams ([TEXF_stream](../docs/guide/TEXF_stream.md), the part-
-level form), and what they expand to; `faulty_` files have to be refused. `case.json` has values at the corners of each
+level form), and what they expand to; `faulty_` files have to be refused. `expected.json` has values at the corners of each
 primitive's faces in order, and the texels that texture slots show at the centres of the faces, so that vertices and pictures
 may be laid out in any way:
 

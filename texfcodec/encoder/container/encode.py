@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...bitstream.stream import read_stream, write_stream
+from ...core.json_text import json_text
 from ...errors import InputError
 from ...io.container.layout import CodedPrimitive, short_numbers, write_extension
+from ...io.container.references import DATA
 from ...io.container.rewritten import Rewritten
 from ...io.gltf.carried import EXTENSION
 from ...io.gltf.document import open_document
@@ -110,7 +112,7 @@ def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: R
             reduce_keyframes(document, out)
     glb = out.glb(deflate=bool(streams))
     held = sum(len(encoded.data) for encoded in streams)
-    report.remarks += plan.remarks
+    report.remarks += [*plan.remarks, *_lost_labels(document.root, out.root)]
     return EncodedContainer(data=glb, streams=streams, sizes={"streams": held, "other": len(glb) - held},
                             **{name: getattr(report, name)[count:] for name, count in known.items()})
 
@@ -246,6 +248,18 @@ def _write_described(out, primitive, part, points, counts, texcoord):
     table.pop(_DRACO, None)
     if "extensions" in primitive and not table:
         del primitive["extensions"]
+
+
+def _lost_labels(source, root):
+    """Return a remark, in a list, on names and extras of data that are coded or put in another order; [] if all are kept."""
+    lost = {}
+    for kind in (*DATA, "buffers"):
+        before, after = ({json_text([entry.get("name"), entry.get("extras")]) for entry in tree.get(kind, [])
+                          if isinstance(entry, dict) and ("name" in entry or "extras" in entry)} for tree in (source, root))
+        if before - after:
+            lost[kind] = len(before - after)
+    return [f"names and extras are left out with coded data: {', '.join(f'{n} of {kind}' for kind, n in lost.items())}"] \
+        if lost else []
 
 
 def _write_file(out, plan, views):

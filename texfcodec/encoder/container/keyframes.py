@@ -61,6 +61,8 @@ def _reduce(document, out, entry, copy, is_rotation):
     out.root["accessors"][number] |= {"min": [float(times[kept[0]])], "max": [float(times[kept[-1]])]}
     copy["input"] = number
     copy["output"] = out.add_accessor(stored[kept], document.entry("accessors", entry["output"])["type"])
+    for key in ("input", "output"):
+        out.copy_labels(entry[key], copy[key])
     return len(times) - len(kept)
 
 

@@ -97,7 +97,7 @@ def plan_of(document: Document) -> Plan:
     parts, idle = _read_parts(document, reader, remarks)
     materials = {material: read_material(document, material, fields[material], shelf)
                  for material in dict.fromkeys(part.material for part in parts)}
-    pinned = _pinned_materials(document, idle)
+    pinned = _pinned_materials(document, idle) | _materials_without_uv(document, parts, fields)
     slots = {number: () if number in pinned else _channels(material) for number, material in materials.items()}
     _add_stored(document, parts, slots)
     texcoord: dict[int | None, int] = {}
@@ -159,6 +159,12 @@ def _pinned_materials(document, idle):
         if _SPECULAR_GLOSSINESS in extensions(entry):
             pinned.add(number)
     return pinned
+
+
+def _materials_without_uv(document, parts, fields):
+    """Return the materials of which a primitive lacks a UV set that an image needs: a stream would hold a single texel of it."""
+    return {part.material for part in parts for info in fields[part.material].images.values()
+            if f"TEXCOORD_{info.texcoord}" not in document.entries("meshes")[part.mesh]["primitives"][part.number]["attributes"]}
 
 
 def _alternatives(primitive):

@@ -25,6 +25,7 @@ ARRAY, INDEX = 34962, 34963  # bufferView targets
 _ALIGNMENT = 4
 MOST_BYTES = 1 << 31  # of the buffer
 _WORTH = 80  # bytes that the JSON of a deflated view takes
+LABELS = ("name", "extras", "extensions")
 PACKED = (DEFLATED, *MESHOPT)
 _LAYOUT = (*PACKED, "KHR_draco_mesh_compression", "KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif",
            "MSFT_texture_dds")  # extensions of how data is stored
@@ -99,9 +100,15 @@ class Rewritten:
         old = self.document.entry("accessors", number)
         sparse = is_target and ("sparse" in old or "bufferView" not in old)
         new = self.add_accessor(values, old["type"], bool(old.get("normalized")), None if sparse else ARRAY, sparse)
+        self.copy_labels(number, new)
         if is_target and "min" in old:
             self.add_bounds(new, values)
         return new
+
+    def copy_labels(self, source: int, new: int) -> None:
+        """Give a new accessor the name, extras and extensions of an accessor of the source."""
+        old = self.document.entry("accessors", source)
+        self.root["accessors"][new] |= {key: deepcopy(old[key]) for key in LABELS if key in old}
 
     def add_bounds(self, number: int, values: np.ndarray) -> None:
         """Give an accessor min and max. values: [N, width]."""

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from batches import environment, wait_for
+from gltf_scenes import spinning, tree_of
 from interrupts import TETRAHEDRON
 
 from texfcodec.batch.folders import LOCK, WORK, only_run
@@ -148,9 +149,10 @@ def test_an_asset_stays_coded_where_nobody_reads_its_line(call, tmp_path, monkey
     assert code == 2 and [row.get("error") for row in rows] == [None] and (tmp_path / "out/a.texf").exists()
 
 
-def names_of(folder, out):
+def names_of(folder, out, suffix=".texf"):
     """{asset: name of its stream, or its error's code} of a folder's catalogue."""
-    return {asset.name: asset.error.code if asset.error else asset.out for asset in read_catalogue(folder, out, print)}
+    assets = read_catalogue(folder, out, print, None, suffix)
+    return {asset.name: asset.error.code if asset.error else asset.out for asset in assets}
 
 
 def filled(folder, *names):
@@ -194,6 +196,31 @@ def test_a_name_once_given_stays_whatever_is_added_later(call, tmp_path):
     assert code == 0 and all(row["passed_over"] for row in rows) and "2 already encoded" in err
     (folder / "chair.ply").unlink()
     assert names_of(folder, out) == {"chair.off": "chair.off.texf"}
+
+
+def test_a_scene_stays_one_where_the_suffix_says_so(call, tmp_path):
+    """A mesh of another format beside it becomes a stream; the same command again does nothing; names are those of streams."""
+    folder, out = tmp_path / "meshes", tmp_path / "out"
+    folder.mkdir()
+    (folder / "fan.glb").write_bytes(spinning().glb())
+    (folder / "a.ply").write_text(TETRAHEDRON)
+    words = ("--batch", folder, "--out", out, "--suffix", ".glb", *SMALL)
+    for is_old in (False, True):
+        code, rows, err = call(*words)
+        assert code == 0 and {row["asset"]: row["out"] for row in rows} == {"a.ply": "a.texf", "fan.glb": "fan.glb"}
+        assert [row.get("passed_over", False) for row in rows] == [is_old] * 2 and re.search(r"worst \d.*fan.glb", err)
+    assert "animations" in tree_of((out / "fan.glb").read_bytes())
+    filled(folder, "fan.gltf")
+    assert names_of(folder, out, ".glb") == names_of(folder, out, ".glb") == {"a.ply": "a.texf", "fan.glb": "fan.glb",
+                                                                             "fan.gltf": "fan.gltf.glb"}
+
+
+def test_no_scene_of_a_batch_is_written_over_its_source(tmp_path):
+    folder = filled(tmp_path / "meshes", "a.glb", "b.gltf")
+    assert names_of(folder, folder, ".glb") == {"a.glb": "TXF-O07", "b.gltf": "b.glb"}
+    manifest = tmp_path / "all.toml"
+    manifest.write_text('[[asset]]\npath = "meshes/a.glb"\n[[asset]]\npath = "meshes/b.gltf"\nout = "meshes/a.glb"\n')
+    assert names_of(manifest, tmp_path) == {"meshes/a.glb": "meshes/a.texf", "meshes/b.gltf": "TXF-O07"}
 
 
 def test_a_manifest_keeps_its_names_and_the_same_asset_twice_is_refused(tmp_path):

@@ -25,11 +25,12 @@ from .console import Console, printable
 from .flags import file_names, flag_of, number
 from .passed_over import PassedOver
 from .results import Results, sha256_of
+from .stream_names import SCENE, SUFFIX
 from .totals import Totals, losses_in_words
 
 SCHEMA = 1
-FLAGS = ("batch", "batch_out", "jobs", "scheduler", "limit_seconds", "memory_limit")
-STREAM, ANSWER = "stream.texf", "answer.json"
+FLAGS = ("batch", "batch_out", "suffix", "jobs", "scheduler", "limit_seconds", "memory_limit")
+STREAM, ANSWER = "stream", "answer.json"  # the former without its suffix
 MOST_JOBS = 256
 NAMES = {"shell_complete": file_names}
 
@@ -41,6 +42,9 @@ def batch_flags(option: Callable) -> Callable[[Callable], Callable]:
         "batch": ("CATALOGUE", {"help": "Encode every mesh in a folder and its subfolders, or in a manifest. Requires --out.",
                                 **NAMES}),
         "batch_out": ("DIR", {"help": "Folder for streams and results.", **NAMES}),
+        "suffix": (None, {"type": click.Choice([SUFFIX, SCENE]),
+                          "help": "Suffix of the streams. .glb: a glTF keeps its scene, as OUT.glb does; other formats become "
+                                  f".texf.  [default: {SUFFIX}]"}),
         "jobs": ("N", number(1, MOST_JOBS, "Encode N assets at a time, with cores / N threads each; 1..256.  [default: 1]")),
         "scheduler": ("ADDRESS", {"help": "Encode on the Dask cluster at tcp://HOST:PORT."}),
         "limit_seconds": ("S", number(0.001, 1e9, "Maximum time per asset, in seconds.")),
@@ -87,7 +91,7 @@ def encode_batch(console: Console, flags: dict[str, Any], checkpoint: str | None
     words = words_given(click.get_current_context(), (*FLAGS, "as_json", "quiet", "dry_run"))
     out, source = Path(flags["batch_out"]), Path(flags["batch"])
     passed_over = PassedOver()
-    assets = read_catalogue(source, out, console.note, passed_over)
+    assets = read_catalogue(source, out, console.note, passed_over, flags["suffix"] or SUFFIX)
     interrupts.Talk.kept = True
     with only_run(out), work_room(out) as room:
         batch = Batch(console, out, words, flags)
@@ -162,7 +166,7 @@ class Batch:
         from ..batch.tasks import Task, package_code
 
         words = [word.replace("{", "{{").replace("}", "}}") for word in self._words(asset)]
-        command = ("-m", "texfcodec.cli.enc", "{input}", "{folder}/" + STREAM, "--json", "--threads", "{threads}", *words)
+        command = ("-m", "texfcodec.cli.enc", "{input}", "{folder}/" + _stream(asset), "--json", "--threads", "{threads}", *words)
         return Task(name=asset.out, commands=(("encode", command),), input=asset.path.absolute(), out=ANSWER, threads=threads,
                     package=package_code(), memory=self.flags["memory_limit"], seconds=self.flags["limit_seconds"])
 
@@ -188,7 +192,7 @@ class Batch:
 
     def _kept(self, asset, folder, facts):
         """Moves the stream to its place, then appends its line and returns it."""
-        names, stream, target = facts["source"].pop("names"), folder / STREAM, self.out / asset.out
+        names, stream, target = facts["source"].pop("names"), folder / _stream(asset), self.out / asset.out
         home = os.path.dirname(names[0])  # the first is the asset itself, wherever it was read
         files = {Path(os.path.relpath(name, home)).as_posix() for name in names}
         row = {**self._row(asset), "files": {name: sha256_of(asset.path.parent / name) for name in sorted(files)},
@@ -227,6 +231,11 @@ class Batch:
         seconds = time.perf_counter() - self.begin
         return (f"{plural(count, 'asset', 'assets')}: {tried - self.failed} encoded in {seconds:.0f} s, {count - tried} "
                 f"already encoded, {self.failed} failed; see {self.out / 'results.jsonl'}")
+
+
+def _stream(asset):
+    """The name of an asset's stream in the folder of an attempt; its suffix chooses the format."""
+    return STREAM + Path(asset.out).suffix.lower()
 
 
 def _answer_of(folder):

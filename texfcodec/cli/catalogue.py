@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,12 @@ from ..batch.folders import WORK
 from ..errors import InputError
 from ..io.formats import SUFFIXES
 from .passed_over import SYSTEM_FOLDERS, PassedOver, is_system_file
-from .stream_names import given_names, short_name, with_own_names
+from .stream_names import SCENE, SUFFIX, given_names, short_name, with_own_names
 
 RESULTS = "results.jsonl"  # in the folder for results
 KEYS = ("path", "out", "options")
 NOT_OF_AN_ASSET = {"batch", "checkpoint", "dry_run", "help", "jobs", "json", "limit_seconds", "memory_limit", "out",
-                   "quiet", "scheduler", "version", "warmup"}  # flags that are no part of how an asset is coded
+                   "quiet", "scheduler", "suffix", "version", "warmup"}  # flags that are no part of how an asset is coded
 
 
 @dataclass(frozen=True)
@@ -37,23 +37,34 @@ class Asset:
     is_named: bool = False
 
 
-def read_catalogue(source: Path, out: Path, note: Callable[[str], object], passed_over: PassedOver | None = None) -> list[Asset]:
+def read_catalogue(source: Path, out: Path, note: Callable[[str], object], passed_over: PassedOver | None = None,
+                   suffix: str = SUFFIX) -> list[Asset]:
     """Return the assets of a catalogue: the mesh files of a folder and its subfolders, sorted by name, or those of a manifest,
     in its order. Each gets a unique name for its stream (stream_names.py).
 
     source: the folder or manifest; out: the folder for results, which is skipped; note(text): reports skipped links;
-    passed_over: gets the files that are not meshes. Raises InputError TXF-I57, and TXF-I01 for a catalogue that does not exist.
+    passed_over: gets the files that are not meshes; suffix: of the streams that the catalogue does not name. Raises InputError TXF-I57, and TXF-I01 for a catalogue that does not exist.
     """
     try:
         if source.is_dir():
             assets = _of_folder(source, out, note, passed_over if passed_over is not None else PassedOver())
         else:
             assets = _of_toml(source) if source.suffix.lower() == ".toml" else _of_lines(source)
+        assets = [asset if asset.is_named or asset.error else replace(asset, out=short_name(Path(asset.name), suffix))
+                  for asset in assets]
+        assets = _without_overwriting(with_own_names(assets, given_names(out / RESULTS)), out)
     except ValueError as error:  # of TOML, UTF-8, or what is in there
         raise InputError("TXF-I57", "the manifest cannot be read", path=str(source), reason=str(error)[:200]) from None
     if not assets:
         raise InputError("TXF-I57", f"the batch contains no asset; files of meshes end in {' '.join(SUFFIXES)}", path=str(source))
-    return with_own_names(assets, given_names(out / RESULTS))
+    return assets
+
+
+def _without_overwriting(assets, out):
+    """Return the assets, with an error for those whose stream would replace an asset's file."""
+    inputs = {os.path.realpath(asset.path) for asset in assets}
+    return [replace(asset, error=InputError("TXF-O07", "the output would overwrite an input file", path=asset.out))
+            if asset.error is None and os.path.realpath(out / asset.out) in inputs else asset for asset in assets]
 
 
 def _of_folder(top, out, note, passed_over):
@@ -108,8 +119,8 @@ def _of_table(table, own, folder):
     strange = sorted(table.keys() - set(KEYS))
     _check(not strange, f"an [[asset]] has unknown keys: {', '.join(strange)}; it may have path, out and options")
     name, out = table["path"], table.get("out", short_name(Path(table["path"])))
-    _check(isinstance(out, str) and out.lower().endswith(".texf") and not Path(out).is_absolute() and ".." not in Path(out).parts,
-           f"out of {name} must be a relative path that ends in .texf and stays in the results folder")
+    _check(isinstance(out, str) and out.lower().endswith((SUFFIX, SCENE)) and not Path(out).is_absolute() and ".." not in Path(out).parts,
+           f"out of {name} must be a relative path that ends in {SUFFIX} or {SCENE} and stays in the results folder")
     options = table.get("options", {})
     _check(isinstance(own, dict) and isinstance(options, dict), "options must be a table of names and values")
     return Asset(name, folder / name, Path(out).as_posix(), words_of(own | options), is_named="out" in table)

@@ -1,6 +1,6 @@
 """Names of the streams of a batch: unique, and never changed once given.
 
-The rule: chair.glb becomes chair.texf. If several assets would get the same name, each takes its whole name, chair.glb.texf and
+The rule: chair.glb becomes chair.texf, or chair.glb if scenes are kept. If several assets would get the same name, each takes its whole name, chair.glb.texf and
 chair.stl.texf. If these differ in case alone, or come from different folders, six digits of a hash follow, as in
 chair.glb~1f3a5c.texf. An asset that has a stream already keeps its name, whatever is added to the catalogue later.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import unicodedata
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,21 +22,27 @@ from ..errors import InputError
 if TYPE_CHECKING:
     from .catalogue import Asset
 
-SUFFIX = ".texf"
+SUFFIX, SCENE = ".texf", ".glb"  # of a stream, and of a scene whose meshes are in streams
+_WITH_SCENES = (".glb", ".gltf")
 
 
-def short_name(name: Path) -> str:
-    """Return the usual name of an asset's stream: the path of its mesh file in the catalogue with the suffix .texf."""
-    return _inside(name).with_suffix(SUFFIX).as_posix()
+def short_name(name: Path, suffix: str = SUFFIX) -> str:
+    """Return the usual name of an asset's stream: the path of its mesh file in the catalogue with another suffix. suffix: SCENE
+    for the scene of a glTF; other formats have no scene and get SUFFIX."""
+    return _short_stem(name) + (suffix if name.suffix.lower() in _WITH_SCENES else SUFFIX)
 
 
-def _whole_name(name):
-    return _inside(name).as_posix() + SUFFIX
+def _short_stem(name):
+    return _inside(name).with_suffix("").as_posix()
 
 
-def _marked_name(name):
+def _whole_stem(name):
+    return _inside(name).as_posix()
+
+
+def _marked_stem(name):
     digest = hashlib.sha256(name.as_posix().encode("utf-8", "surrogateescape")).hexdigest()
-    return f"{_inside(name).as_posix()}~{digest[:6]}{SUFFIX}"
+    return f"{_inside(name).as_posix()}~{digest[:6]}"
 
 
 def _inside(path):
@@ -43,7 +50,7 @@ def _inside(path):
     return Path(path.name) if path.is_absolute() or ".." in path.parts else path
 
 
-_FORMS: tuple[Callable[[Path], str], ...] = (short_name, _whole_name, _marked_name)
+_FORMS: tuple[Callable[[Path], str], ...] = (_short_stem, _whole_stem, _marked_stem)
 
 
 def given_names(results: Path) -> dict[str, str]:
@@ -67,7 +74,8 @@ def with_own_names(assets: list[Asset], given: dict[str, str]) -> list[Asset]:
     form = [0] * len(assets)
     for number, asset in enumerate(assets):
         if not asset.is_named and asset.error is None:
-            known = [f for f, name in enumerate(_FORMS) if name(Path(asset.name)) == given.get(asset.name)]
+            before = os.path.splitext(given.get(asset.name, ""))[0]
+            known = [f for f, stem in enumerate(_FORMS) if stem(Path(asset.name)) == before]
             form[number] = -1 - known[0] if known else 0
     for _ in range(2 * len(_FORMS)):
         for group in _clashing(assets, form):
@@ -98,7 +106,7 @@ def _out(asset, form):
     """The stream's name in a form; a form below 0 is the name that was given before."""
     if asset.is_named or asset.error is not None:
         return asset.out
-    return _FORMS[form if form >= 0 else -1 - form](Path(asset.name))
+    return _FORMS[form if form >= 0 else -1 - form](Path(asset.name)) + os.path.splitext(asset.out)[1]
 
 
 def _error(asset):

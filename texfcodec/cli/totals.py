@@ -41,10 +41,11 @@ class Totals:
         self.stream_bytes += row["stream"]["bytes"]
         self.warned += bool(result.get("warnings"))
         self.lossy += bool(result.get("dropped"))
-        check = result.get("check") or {}
-        for name in MEASURES if check.get("visible", True) else ():
-            if name in check:
-                self.psnr[name].append((math.inf if check[name] is None else check[name], row["asset"]))
+        checks = [part.get("check") or {} for part in result.get("streams", [result])]  # a scene has one for each stream
+        for name in MEASURES:
+            values = [check[name] for check in checks if check.get("visible", True) and name in check]
+            if values:
+                self.psnr[name].append((min(math.inf if value is None else value for value in values), row["asset"]))
 
     def facts(self) -> dict[str, Any]:
         """Facts for --json; a PSNR of None is exact."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -25,10 +25,10 @@ from ...report import SENTENCES
 from ...scene.channels import BY_NAME
 from .keyframes import reduce_keyframes
 from .line_up import line_up
-from .plan import KeptNotes, plan_of
+from .plan import KeptNotes, clusters_of, plan_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from ...io.gltf.document import Document
     from ...options import EncodeOptions
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .plan import CodedPart, Plan
 
 _DRACO = "KHR_draco_mesh_compression"
+_OF_A_PART = ("TXF-I60", "TXF-I61", "TXF-I62", "TXF-I63")  # of the meshes of a stream; other findings are of the file or of options
 
 
 @dataclass(kw_only=True)
@@ -98,14 +99,13 @@ def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: R
     streams: list[Encoded] = []
     with report.stage("plan"):
         plan = plan_of(document)
-    for parts in plan.streams:
-        coded = _coded(plan, parts, options, report, code)
+    for coded in _all_coded(document, plan, options, report, code):
         coded.number = len(views)
         streams.append(coded.encoded)
         views.append(out.add_view(coded.encoded.data))
-        for part, units in zip(parts, coded.units, strict=True):
+        for number, units in enumerate(coded.units):
             if units:
-                _write_part(document, out, plan, part, coded, units)
+                _write_part(out, plan, coded, number)
     if streams:
         _write_file(out, plan, views)
         if not options.keep_animations:
@@ -119,16 +119,44 @@ def encode_document(data: bytes, folder: Path, options: EncodeOptions, report: R
 
 @dataclass(kw_only=True)
 class _Coded:
-    """A coded stream. texf: decoded; units: geometry units of each material number, which is the number of the part; number: of
-    the stream in the file."""
+    """A coded stream. texf: decoded; parts: what it holds; units: geometry units of each part, whose number is that of its
+    material; stored: of each part, its _Stored; number: of the stream in the file."""
 
     encoded: Encoded
     texf: Texf
+    parts: list[CodedPart]
     units: list[tuple[int, ...]]
+    stored: list[_Stored | None]
     number: int = 0
 
 
-def _coded(plan: Plan, parts: list[CodedPart], options, report, code) -> _Coded:
+def _all_coded(document, plan, options, report, code) -> Iterator[_Coded]:
+    """Yield the streams of a plan. Where one cannot be coded, its parts are coded apart as far as they share no images, and what
+    is at fault is left as it is in the file."""
+    pending = list(reversed(plan.streams))
+    while pending:
+        parts = pending.pop()
+        counts = {name: len(getattr(report, name)) for name in SENTENCES}
+        try:
+            coded = _coded(document, plan, parts, options, report, code)
+        except InputError as error:
+            if error.code not in _OF_A_PART:
+                raise
+            for name, count in counts.items():  # of what is not coded
+                del getattr(report, name)[count:]
+            clusters = clusters_of(parts)
+            if len(clusters) > 1:
+                pending += reversed(clusters)
+            else:
+                plan.leave(parts, f"{error.message} ({error.code})", [])
+        else:
+            held = [part for part, units in zip(parts, coded.units, strict=True) if units]
+            idle = [part for part, units in zip(parts, coded.units, strict=True) if not units]
+            plan.leave(idle, "no face has three distinct corners on the lattice (TXF-I63)", held)
+            yield coded
+
+
+def _coded(document, plan: Plan, parts: list[CodedPart], options, report, code) -> _Coded:
     """Code the parts of a stream. If a material would get its images from two places, all goes over voxels."""
     from ...decoder import decode_stream
     from ...options import DecodeOptions
@@ -146,7 +174,9 @@ def _coded(plan: Plan, parts: list[CodedPart], options, report, code) -> _Coded:
         units = [tuple(n for n, unit in enumerate(texf.units) if unit.material == number) for number in range(len(parts))]
         if not _is_torn(texf, parts, units):
             break
-    return _Coded(encoded=encoded, texf=texf, units=units)
+    stored = [_stored(document, plan, part, texf, of_part) if part.keeps_vertices and of_part else None
+              for part, of_part in zip(parts, units, strict=True)]
+    return _Coded(encoded=encoded, texf=texf, parts=parts, units=units, stored=stored)
 
 
 def _without_factors(encoded, limits):
@@ -183,19 +213,35 @@ def _scene(plan, parts) -> Scene:
     return scene
 
 
-def _write_part(document: Document, out: Rewritten, plan: Plan, part: CodedPart, coded: _Coded, units: tuple[int, ...]) -> None:
-    """Write a primitive: its units, and the values that are stored in their vertex order."""
-    texf = coded.texf
+class _Stored(NamedTuple):
+    """Values that are stored for a part. arrays: by place in the primitive; rows: int64 [N], their row for each stored vertex;
+    splits: as of CodedPrimitive."""
+
+    arrays: dict
+    rows: np.ndarray
+    splits: np.ndarray
+
+
+def _stored(document, plan, part, texf, units):
+    """Return the _Stored of a part whose vertices are kept. Raises InputError TXF-I62 if they are not all decoded."""
+    points = np.asarray(place(part.part, part.place).positions, np.float64)
+    rows = np.arange(len(points)) if part.part.rows is None else part.part.rows
+    arrays = _stored_arrays(document, plan, part)
+    equal = _equal_rows([values[rows] for values, *_ in arrays.values()], len(points))
+    lined = line_up(texf, units, points, np.asarray(part.part.faces, np.int64), equal)
+    return _Stored(arrays, rows[lined.source], lined.splits)
+
+
+def _write_part(out: Rewritten, plan: Plan, coded: _Coded, number: int) -> None:
+    """Write a primitive: its units, and the values that are stored in their vertex order. number: of the part in its stream."""
+    texf, part, units, stored = coded.texf, coded.parts[number], coded.units[number], coded.stored[number]
     primitive = out.root["meshes"][part.mesh]["primitives"][part.number]
     points = np.asarray(place(part.part, part.place).positions, np.float64)
     faces = np.asarray(part.part.faces, np.int64)
-    rows = np.arange(len(points)) if part.part.rows is None else part.part.rows
     count, splits = sum(len(texf.units[n].lattice) for n in units), np.zeros((0, 2), np.int64)
-    if part.keeps_vertices:
-        stored = _stored_arrays(document, plan, part)
-        lined = line_up(texf, units, points, faces, _equal_rows([values[rows] for values, *_ in stored.values()], len(points)))
-        count, splits = len(lined.source), lined.splits
-        _write_stored(out, primitive, stored, rows[lined.source])
+    if stored is not None:
+        count, splits = len(stored.rows), stored.splits
+        _write_stored(out, primitive, stored.arrays, stored.rows)
     description = CodedPrimitive(mesh=part.mesh, number=part.number, stream=coded.number, units=units,
                                  matrix=np.linalg.inv(part.place), texcoord=plan.texcoord[part.material], splits=splits)
     texcoord = description.texcoord if plan.slots[part.material] else None

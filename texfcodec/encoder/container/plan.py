@@ -15,10 +15,12 @@ import numpy as np
 from ...errors import LimitError, TexfError
 from ...io.container.layout import FROM_STREAM
 from ...io.container.references import texture_infos
+from ...io.gltf.accessor import read_floats
 from ...io.gltf.carried import EXTENSION
 from ...io.gltf.material import read_material, read_material_fields, slot_of
 from ...io.gltf.mesh import VARIANTS, MeshReader
 from ...io.gltf.properties import extensions, is_index
+from ...io.gltf.properties import part as part_of
 from ...io.gltf.reader import local_matrix, references
 from ...io.images import TextureShelf
 from ...io.parts import Notes
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from ...io.gltf.material import MaterialFields
     from ...io.parts import Part
 
+_INSTANCES = "EXT_mesh_gpu_instancing"
 _SPECULAR_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 _SIZES = 64.0  # ratio of sizes from which on two meshes have lattices of their own; chosen, not measured
 _TRIANGLES = (4, 5, 6)
@@ -56,7 +59,7 @@ class KeptNotes(Notes):
 class CodedPart:
     """A primitive that is coded. mesh, number: its place in the file; part: in mesh space; material: index in the file, or None;
     stored: names of attributes that are stored; has_targets: whether it has morph targets; place: float64 [4, 4], from mesh space
-    to the stream's space."""
+    to the stream's space; cluster: equal for parts that share images, directly or not, and so must be in one stream."""
 
     mesh: int
     number: int
@@ -65,6 +68,7 @@ class CodedPart:
     stored: tuple[str, ...]
     has_targets: bool
     place: np.ndarray = field(default_factory=lambda: np.eye(4))
+    cluster: int = 0
 
     @property
     def keeps_vertices(self) -> bool:
@@ -85,6 +89,14 @@ class Plan:
     texcoord: dict[int | None, int]
     reader: MeshReader
     remarks: list[str]
+
+    def leave(self, parts: list[CodedPart], reason: str, coded: list[CodedPart]) -> None:
+        """Leave parts as they are in the file, with images that no coded part of their stream shows. reason: for a remark."""
+        shown = {part.material for part in coded}
+        for part in parts:
+            if part.material not in shown:
+                self.slots[part.material] = ()
+            self.remarks.append(f"primitive {part.number} of mesh {part.mesh} stays as it is: {reason}")
 
 
 @np.errstate(all="ignore")  # overflow and NaN are values that primitives are left out for
@@ -232,11 +244,23 @@ def _worlds(document) -> dict[int, np.ndarray]:
             continue
         seen.add(number)
         world = above @ local_matrix(nodes[number])
-        mesh, size = nodes[number].get("mesh"), abs(np.linalg.det(world[:3, :3]))
-        if is_index(mesh) and np.isfinite(world).all() and size > sizes.get(mesh, -1.0):
-            result[mesh], sizes[mesh] = world, size
+        shown = world @ np.diag([*_instance_scale(document, nodes[number]), 1.0])
+        mesh, size = nodes[number].get("mesh"), abs(np.linalg.det(shown[:3, :3]))
+        if is_index(mesh) and np.isfinite(shown).all() and size > sizes.get(mesh, -1.0):
+            result[mesh], sizes[mesh] = shown, size
         pending += [(child, world) for child in references(nodes[number], "children")]
     return result
+
+
+def _instance_scale(document, node):
+    """Return the scale of the largest instance that EXT_mesh_gpu_instancing makes of a node's mesh, float64 [3], not negative;
+    ones without readable scales."""
+    attributes = extensions(node).get(_INSTANCES, {})
+    try:
+        scales = np.abs(read_floats(document, part_of(attributes, "attributes")["SCALE"], ("VEC3",)).astype(np.float64))
+    except (KeyError, TexfError):  # the file keeps the extension as it is
+        return np.ones(3)
+    return scales[np.nan_to_num(scales.prod(axis=1), posinf=0.0).argmax()]
 
 
 def _grouped(parts, materials):
@@ -260,17 +284,30 @@ def _grouped(parts, materials):
     clusters: dict[Any, list[CodedPart]] = {}
     for key, part in zip(keys, parts, strict=True):
         clusters.setdefault(root(key), []).append(part)
+    for number, cluster in enumerate(clusters.values()):
+        for part in cluster:
+            part.cluster = number
     sizes = {key: max(map(_size, cluster)) for key, cluster in clusters.items()}
     largest = max(sizes.values(), default=1.0)
     streams: dict[tuple, list[CodedPart]] = {}
     for key, cluster in clusters.items():
         kept = any(part.keeps_vertices for part in cluster)
         streams.setdefault((kept, int(math.log(largest / sizes[key], _SIZES))), []).extend(cluster)
-    for parts_of in streams.values():
-        if all(np.array_equal(part.place, parts_of[0].place) for part in parts_of):
-            for part in parts_of:  # where all stand does not matter
-                part.place = np.eye(4)
-    return [streams[key] for key in sorted(streams)]
+    return [_at_rest(streams[key]) for key in sorted(streams)]
+
+
+def clusters_of(parts: list[CodedPart]) -> list[list[CodedPart]]:
+    """Return the parts of a stream as those of several, which share no images."""
+    numbers = dict.fromkeys(part.cluster for part in parts)
+    return [_at_rest([part for part in parts if part.cluster == number]) for number in numbers]
+
+
+def _at_rest(parts):
+    """Return the parts of a stream, in mesh space if they stand at one place: where that is does not matter."""
+    if all(np.array_equal(part.place, parts[0].place) for part in parts):
+        for part in parts:
+            part.place = np.eye(4)
+    return parts
 
 
 def _size(part):

@@ -64,10 +64,10 @@ const SLOTS = [
 /** Whether a file has coded primitives. @param {any} root */
 export const isContainer = (root) => 'streams' in (root.extensions?.[NAME] ?? {});
 
-/** Whether a texture has no image of its own, so that slots with it show a stream. @param {any} root @param {number} number */
+/** Whether a stream gives the image of a texture, whose own is at most a fallback: slots with it show the stream. @param {any} root @param {number} number */
 export function isEmpty(root, number) {
   const texture = entryOf(root, 'textures', number);
-  return [texture, ...Object.values(texture.extensions ?? {})].every((place) => place?.source === undefined);
+  return NAME in (texture.extensions ?? {}) || [texture, ...Object.values(texture.extensions ?? {})].every((place) => place?.source === undefined);
 }
 
 /**
@@ -75,13 +75,20 @@ export function isEmpty(root, number) {
  * lie in several fields becomes one for each.
  *
  * @param {any} root @param {ViewOf} viewOf @param {(stream: Uint8Array) => Promise<Asset>} decode
+ * @param {(error: unknown) => void} [onRefused] called for a stream that is refused and whose primitives all have a fallback, which they
+ *   then become; without it the promise is rejected
  * @returns {Promise<Unfolded>} rejected with a TexfError
  */
-export async function unfold(root, viewOf, decode) {
+export async function unfold(root, viewOf, decode, onRefused) {
   const {streams} = root.extensions[NAME];
   if (!Array.isArray(streams)) throw invalid(`'streams' of ${NAME} is not an array of indices`);
   streams.forEach((number) => entryOf(root, 'bufferViews', number));
-  const assets = await Promise.all(streams.map(async (number) => decode(await viewOf(number))));
+  const coded = /** @type {any[]} */ (root.meshes ?? []).flatMap(({primitives}) => primitives ?? []).flatMap(({extensions}) => extensions?.[NAME] ?? []);
+  const assets = await Promise.all(streams.map(async (number, n) => decode(await viewOf(number)).catch((error) => {
+    if (!onRefused || coded.some(({stream, fallback}) => stream === n && fallback !== true)) throw error;
+    onRefused(error);
+    return null;
+  })));
   const unfolding = new Unfolding(root, assets, viewOf);
   for (const mesh of root.meshes ?? []) {
     const plain = [];
@@ -92,14 +99,14 @@ export async function unfold(root, viewOf, decode) {
 }
 
 class Unfolding {
-  /** @param {any} root @param {Asset[]} assets @param {ViewOf} viewOf */
+  /** @param {any} root @param {(Asset|null)[]} assets null for streams that were refused @param {ViewOf} viewOf */
   constructor(root, assets, viewOf) {
     this.root = root;
     this.assets = assets;
     this.viewOf = viewOf;
     this.added = new Added(root);
     this.materials = structuredClone(root.materials ?? []);
-    this.surfaces = assets.map((asset) => new Surface(asset));
+    this.surfaces = assets.map((asset) => /** @type {Surface} */ (asset && new Surface(asset)));
     /** @type {Map<number, Picture>} */
     this.pictures = new Map();
     /** @type {Map<number, VoxelLook>} */
@@ -114,7 +121,8 @@ class Unfolding {
 
   /** The plain primitives that a coded one becomes. @param {any} primitive @returns {Promise<any[]>} */
   async primitive(primitive) {
-    const coded = await this.read(primitive), units = this.assets[coded.stream].units, stored = await this.stored(primitive);
+    if (this.assets[primitive.extensions[NAME]?.stream] === null) return [this.fallback(primitive)];
+    const coded = await this.read(primitive), {units} = this.assetOf(coded), stored = await this.stored(primitive);
     const corners = this.surfaces[coded.stream].cornersOf(coded, stored.count);
     return [...new Set(coded.units.map((unit) => units[unit].field))].map((field) => {
       const look = this.look(coded, field), plain = structuredClone(primitive);
@@ -133,9 +141,25 @@ class Unfolding {
     });
   }
 
+  /** @param {{stream: number}} coded */
+  assetOf({stream}) {
+    return /** @type {Asset} */ (this.assets[stream]);
+  }
+
+  /** A coded primitive whose own attributes are shown, and the images of its textures. @param {any} primitive */
+  fallback(primitive) {
+    const {material = -1} = primitive, entry = this.root.materials?.[material] ?? {};
+    for (const [place, slot] of SLOTS) {
+      const info = (place === '' ? entry : place === PBR ? entry[place] : entry.extensions?.[place])?.[slot];
+      if (info) without(entryOf(this.root, 'textures', info.index), NAME);
+    }
+    without(primitive, NAME);
+    return primitive;
+  }
+
   /** What the extension says of a primitive, checked. @param {any} primitive @returns {Promise<Coded>} */
   async read(primitive) {
-    const {stream, units, matrix = IDENTITY, texCoord = 0, splits} = primitive.extensions[NAME] ?? {}, asset = isIndex(stream) && this.assets[stream];
+    const {stream, units, matrix = IDENTITY, texCoord = 0, splits, fallback = false} = primitive.extensions[NAME] ?? {}, asset = isIndex(stream) && this.assets[stream];
     if (!asset) throw invalid('a primitive names a stream that is not there');
     if (!Array.isArray(units) || !units.length || !units.every((unit) => isIndex(unit) && unit < asset.units.length)) throw invalid('a primitive names a unit that is not there');
     for (const unit of units) {
@@ -144,12 +168,14 @@ class Unfolding {
     }
     if (!Array.isArray(matrix) || matrix.length !== 16 || !matrix.every(Number.isFinite)) throw invalid('the matrix of a primitive does not have 16 numbers');
     if (!isIndex(texCoord)) throw invalid("'texCoord' of a primitive is not an index");
+    if (typeof fallback !== 'boolean' || (fallback && (splits !== undefined || primitive.targets?.length))) throw invalid('a primitive with a fallback has splits or targets');
     if (splits !== undefined && entryOf(this.root, 'accessors', splits).type !== 'VEC2') throw invalid('splits of a primitive are not pairs');
     return {primitive, stream, units, matrix, texCoord, splits: splits === undefined ? null : await readAccessor(this.root, splits, this.viewOf)};
   }
 
   /** Stored attributes and targets of a primitive, and the number of their values, null without any. @param {any} primitive */
   async stored(primitive) {
+    if (primitive.extensions[NAME].fallback) return {arrays: [], count: null};
     const arrays = [];
     for (const [owner, names] of [[null, primitive.attributes ?? {}], ...(primitive.targets ?? []).entries()]) {
       for (const [name, number] of Object.entries(names)) {
@@ -209,7 +235,7 @@ class Unfolding {
 
   /** The material of a coded primitive on a field: that of the file, or a copy if another field has changed it. @param {Coded} coded @param {number} field @returns {Look} */
   look({primitive, stream, units, matrix}, field) {
-    const asset = this.assets[stream], {planar, planes} = asset.fields[field], {material: number} = primitive;
+    const asset = this.assetOf({stream}), {planar, planes} = asset.fields[field], {material: number} = primitive;
     if (number === undefined) return {isMapped: false, hasNormals: false, isVoxels: false};
     const entry = structuredClone(this.materials[number] ?? entryOf(this.root, 'materials', number));
     const material = asset.materials[asset.units[/** @type {number} */ (units.find((unit) => asset.units[unit].field === field))].material];
@@ -246,7 +272,7 @@ class Unfolding {
   texture(stream, field, channels) {
     const key = `${stream} ${field} ${channels}`, before = this.textures.get(key);
     if (before !== undefined) return before;
-    const asset = this.assets[stream], picture = pictureOf(asset.fields[field], channels), squares = /** @type {any} */ (asset.metadata)?.nearest_fields;
+    const asset = this.assetOf({stream}), picture = pictureOf(asset.fields[field], channels), squares = /** @type {any} */ (asset.metadata)?.nearest_fields;
     const [magFilter, minFilter] = Array.isArray(squares) && squares.includes(field) ? NEAREST : LINEAR, [wrapS, wrapT] = asset.fields[field].wrap.map((wrap) => REPEAT[wrap]);
     const sampler = {magFilter, minFilter, wrapS, wrapT}, text = JSON.stringify(sampler);
     const same = (this.root.samplers ?? []).findIndex((/** @type {any} */ known) => JSON.stringify(known) === text);

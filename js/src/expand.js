@@ -101,7 +101,7 @@ class Source {
 /** Takes the extension out of a file's tree. @param {any} root */
 function leaveOut(root) {
   without(root, NAME);
-  root.bufferViews.forEach((/** @type {any} */ view) => without(view, NAME));
+  [...root.bufferViews, ...(root.textures ?? [])].forEach((owner) => without(owner, NAME));
   for (const kind of ['extensionsUsed', 'extensionsRequired']) {
     if (!Array.isArray(root[kind])) continue;
     root[kind] = root[kind].filter((/** @type {string} */ name) => name !== NAME);
@@ -109,7 +109,7 @@ function leaveOut(root) {
   }
 }
 
-/** Calls visit(owner, key, kind) for every reference to an accessor, bufferView or texture. @param {any} root @param {(owner: any, key: string, kind: string) => void} visit */
+/** Calls visit(owner, key, kind) for every reference to an accessor, bufferView, image or texture. @param {any} root @param {(owner: any, key: string, kind: string) => void} visit */
 function eachReference(root, visit) {
   const keys = (/** @type {any} */ owner, /** @type {string} */ kind, names = Object.keys(owner ?? {})) => names.forEach((key) => owner && key in owner && visit(owner, key, kind));
   for (const {primitives = []} of root.meshes ?? []) {
@@ -125,6 +125,7 @@ function eachReference(root, visit) {
   for (const node of root.nodes ?? []) keys(node.extensions?.[INSTANCES]?.attributes, 'accessors');
   for (const entry of root.accessors ?? []) [entry, entry.sparse?.indices, entry.sparse?.values].forEach((owner) => keys(owner, 'bufferViews', ['bufferView']));
   for (const image of root.images ?? []) keys(image, 'bufferViews', ['bufferView']);
+  for (const texture of root.textures ?? []) [texture, ...Object.values(texture.extensions ?? {})].forEach((owner) => keys(owner, 'images', ['source']));
   keys(root.extensions?.[NAME]?.streams, 'bufferViews');
   const textures = (/** @type {any} */ owner) => Object.entries(owner ?? {}).forEach(([key, value]) => {
     if (key === 'extras' || !value || typeof value !== 'object') return;
@@ -136,7 +137,7 @@ function eachReference(root, visit) {
 
 /** Numbers that are referred to, by kind. @param {any} root */
 function held(root) {
-  const numbers = /** @type {Object<string, Set<number>>} */ ({accessors: new Set(), bufferViews: new Set(), textures: new Set()});
+  const numbers = /** @type {Object<string, Set<number>>} */ ({accessors: new Set(), bufferViews: new Set(), images: new Set(), textures: new Set()});
   eachReference(root, (owner, key, kind) => numbers[kind].add(owner[key]));
   return numbers;
 }
@@ -144,7 +145,7 @@ function held(root) {
 /** Drops what was referred to and no longer is; returns the bytes of the bufferViews that are left.
  * @param {any} root @param {Uint8Array[]} bytes of each bufferView @param {ReturnType<typeof held>} before */
 function withoutUnused(root, bytes, before) {
-  for (const kinds of [['accessors', 'textures'], ['bufferViews']]) {
+  for (const kinds of [['accessors', 'textures'], ['images'], ['bufferViews']]) {
     const now = held(root), numbers = /** @type {Object<string, Map<number, number>>} */ ({});
     for (const kind of kinds) {
       const kept = (root[kind] ?? []).map((/** @type {any} */ _, /** @type {number} */ n) => n).filter((/** @type {number} */ n) => now[kind].has(n) || !before[kind].has(n));

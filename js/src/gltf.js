@@ -29,9 +29,15 @@ export {expand} from './expand.js';
  * @property {AbortSignal} [signal] leaves decoding, and shows the fallback
  */
 
+/** Says that a stream is not shown. @param {unknown} error */
+function refused(error) {
+  const {code, message} = error instanceof TexfError ? error : {code: 'internal', message: String(error)};
+  console.warn(`${NAME}: ${code}: ${message}; the fallback is shown`);
+}
+
 /**
- * A plug-in of GLTFLoader. Of a scene whose stream is decoded, the nodes are never loaded; where it is refused, they are shown. Coded
- * primitives have no fallback: where one of their streams is refused, so is the file, with a TexfError.
+ * A plug-in of GLTFLoader. Of a scene whose stream is decoded, the nodes are never loaded; where it is refused, they are shown. Where a
+ * stream of coded primitives is refused, their fallbacks are shown; if one has none, the file is refused with a TexfError.
  * @implements {GLTFLoaderPlugin}
  */
 export class TEXFStreamExtension {
@@ -57,7 +63,7 @@ export class TEXFStreamExtension {
     if (!carrying.length && !isContainer(json)) return;
     this.three = await import('./three.js'); // which expand() does without
     await Promise.all(carrying.map((i) => this.replace(scenes[i], i)));
-    if (isContainer(json)) this.unfolded = await wellFormed(() => unfold(json, (number) => this.view(number), (stream) => this.decoder.decode(stream, this.options)));
+    if (isContainer(json)) this.unfolded = await wellFormed(() => unfold(json, (number) => this.view(number), (stream) => this.decoder.decode(stream, this.options), refused));
   }
 
   /** @param {any} scene of the file @param {number} number */
@@ -69,8 +75,7 @@ export class TEXFStreamExtension {
       this.groups.set(number, /** @type {typeof import('./three.js')} */ (this.three).groupOf(await this.decoder.decode(stream, this.options)));
       scene.nodes = [];
     } catch (error) {
-      const {code, message} = error instanceof TexfError ? error : {code: 'internal', message: String(error)};
-      console.warn(`${this.name}: ${code}: ${message}; the fallback is shown`);
+      refused(error);
     }
   }
 

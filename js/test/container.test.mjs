@@ -107,6 +107,42 @@ test('a field over voxels is shown by its shader, also of a clone, at places of 
   await assert.rejects(expand(file), {name: 'TexfError', code: 'unsupported', message: /texf-dec/});
 });
 
+/** Makes the primitive plain, and gives it the stored weights as a fallback's positions, and an image of its own. */
+function plain(root) {
+  root.meshes[0].primitives[0].attributes = {POSITION: 0, TEXCOORD_0: 1};
+  delete root.meshes[0].primitives[0].extensions.TEXF_stream.splits;
+}
+
+function withFallback(root) {
+  plain(root);
+  root.accessors.push({bufferView: 2, componentType: 5126, count: 3, type: 'VEC3', min: [0, 0, 0], max: [1, 0, 0]}, {bufferView: 2, componentType: 5126, count: 3, type: 'VEC2'});
+  root.images = [{bufferView: 3, mimeType: 'image/png'}];
+  root.textures[0] = {source: 0, extensions: {TEXF_stream: {}}};
+  root.meshes[0].primitives[0].attributes = {POSITION: 6, TEXCOORD_0: 7};
+  root.meshes[0].primitives[0].extensions.TEXF_stream.fallback = true;
+  delete root.meshes[0].primitives[0].indices;
+}
+
+test('the stream of a primitive wins over its fallback, of which nothing is left', unless, async () => {
+  const [of, without] = await Promise.all([withFallback, plain].map(async (change) => opened(await expand(coded(change)))));
+  const held = ({root, rows}) => [root.images.length, root.textures, root.materials, root.extensionsUsed, ...root.meshes[0].primitives.flatMap(({attributes, indices}) => [...Object.values(attributes), indices].map(rows))];
+  assert.deepEqual(held(of), held(without));
+  const {scene} = await new three.GLTFLoader().register((parser) => new TEXFStreamExtension(parser)).parseAsync(coded(withFallback), '');
+  const [{geometry, material}] = scene.children;
+  assert.deepEqual([geometry.index.count, material.map.image.width], [unit.indices.length, asset.fields[0].planes.base_colour.image.width]);
+});
+
+test('where the stream is refused, the plug-in shows the fallback and its image, and expand() is refused', unless, async () => {
+  const warn = console.warn, warnings = [], file = coded(withFallback, stream.subarray(0, 200)), {Texture} = await import('three');
+  console.warn = (text) => warnings.push(text);
+  const images = () => ({name: 'images', loadTexture: (number) => Promise.resolve(Object.assign(new Texture(), {name: `texture ${number}`}))});
+  const {scene} = await new three.GLTFLoader().register((parser) => new TEXFStreamExtension(parser)).register(images).parseAsync(file, '').finally(() => { console.warn = warn; });
+  const [{geometry, material}] = scene.children;
+  assert.deepEqual([geometry.attributes.position.count, material.map.name], [3, 'texture 0']);
+  assert.match(warnings[0], /invalid.*the fallback is shown/);
+  await assert.rejects(expand(file), {name: 'TexfError', code: 'invalid'});
+});
+
 const said = (root) => root.meshes[0].primitives[0].extensions.TEXF_stream;
 for (const [what, code, change, bytes] of [
   ['a stream that is not there', 'invalid', (root) => { said(root).stream = 1; }],
@@ -121,6 +157,8 @@ for (const [what, code, change, bytes] of [
   ['stored attributes of two counts', 'invalid', (root) => { root.accessors[2].count--; }],
   ['an accessor that exceeds its view', 'invalid', (root) => { root.accessors[3].byteOffset = 16; }],
   ['an attribute that is not there', 'invalid', (root) => { root.meshes[0].primitives[0].attributes.JOINTS_0 = 77; }],
+  ['a fallback of a primitive with splits', 'invalid', (root) => { said(root).fallback = true; }],
+  ['a fallback that is neither true nor false', 'invalid', (root) => { said(root).fallback = 1; }],
   ['a view that inflates to another length', 'invalid', (root) => { root.bufferViews[1].byteLength += 4; }],
   ['a view that inflates to less', 'invalid', (root) => { root.bufferViews[2].byteLength -= 16; }],
   ['a view whose rows do not divide it', 'invalid', (root) => { root.bufferViews[1].extensions.TEXF_stream.row = 3; }],

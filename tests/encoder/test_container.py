@@ -1,14 +1,17 @@
 """glTF scenes through encode_gltf() and expand(): what no stream holds is unchanged, and what a stream holds looks the same."""
 
+import json
 from copy import deepcopy
 
 import numpy as np
 import pytest
-from gltf_scenes import SCENES, checker, skinned, tree_of, with_tree
-from mesh_files import load_bytes
+from gltf_scenes import INSTANCES, SCENES, bumpy_mesh, checker, skinned, textured, tree_of, with_tree
+from mesh_files import Builder, load_bytes
 
 import texfcodec
+from texfcodec.encoder.container.fallback import with_fallbacks
 from texfcodec.encoder.container.keyframes import TOLERANCE, kept_keys
+from texfcodec.encoder.container.plan import plan_of
 from texfcodec.io.container.references import texture_infos
 from texfcodec.io.gltf.accessor import read_accessor
 from texfcodec.io.gltf.document import open_document
@@ -120,6 +123,48 @@ def test_a_mesh_that_100_nodes_show_is_coded_once(coded):
     assert streams[0] == streams[1]
 
 
+def test_a_mesh_is_coded_for_the_largest_of_its_instances():
+    """By EXT_mesh_gpu_instancing as by a node with the scale of that instance."""
+    placed = []
+    scales = np.array([[1, 1, 1], [-8, 8, 4], [2, 2, 2], [np.nan, 9, 9]], np.float32)
+    for bend in (lambda b: b.tree["nodes"][1].update(scale=[8, 8, 4]), lambda b: b.tree["nodes"][1].update(
+            extensions={INSTANCES: {"attributes": {"SCALE": b.accessor(scales)}}})):
+        plan = plan_of(open_document(bent("spinning", bend), None, Notes()))
+        placed.append([part.place for parts in plan.streams for part in parts])
+    assert np.array_equal(*placed) and np.allclose(np.linalg.det(placed[0][1]), 256)
+
+
+def pair(*nodes):
+    """A Builder of two meshes with an image each, and its nodes."""
+    builder = Builder()
+    builder.tree["meshes"] = [{"primitives": []}, {"primitives": []}]
+    for mesh in (0, 1):
+        bumpy_mesh(builder, textured(builder), mesh=mesh)
+    builder.tree["images"][1]["bufferView"] = builder.view(checker((9, 200, 40)))  # equal images would be in one stream
+    builder.tree["nodes"] = list(nodes)
+    return builder
+
+
+def test_meshes_too_far_apart_for_one_stream_are_in_two():
+    coded = texfcodec.encode_gltf(pair({"mesh": 0}, {"mesh": 1, "translation": [1e200, 0, 0]}).glb(), OPTIONS)
+    said = [mesh["primitives"][0]["extensions"]["TEXF_stream"]["stream"] for mesh in tree_of(coded.data)["meshes"]]
+    assert said == [0, 1] and coded.remarks == []
+
+
+@pytest.mark.filterwarnings("error::texfcodec.LossWarning")
+@pytest.mark.parametrize("far", [0.0, 1e200], ids=["in a stream with others", "alone"])
+def test_a_mesh_that_cannot_be_coded_stays_as_it_is_with_its_image(far):
+    builder = pair({"mesh": 0}, {"mesh": 1, "translation": [far, 0, 0]})
+    sliver = np.array([[0, 0, 0], [1, 0, 0], [1, 1e-9, 0]], np.float32)
+    builder.tree["meshes"][1]["primitives"] = []
+    builder.primitive(sliver, np.array([0, 1, 2], np.uint16), sliver[:, :2], mesh=1, material=1)
+    coded = texfcodec.encode_gltf(builder.glb(), {**OPTIONS, "strict": True})
+    root = tree_of(coded.data)
+    assert ["extensions" in mesh["primitives"][0] for mesh in root["meshes"]] == [True, False]
+    assert [set(texture) for texture in root["textures"]] == [{"source"}, set()] and len(coded.streams) == 1
+    assert coded.remarks[-1].startswith("primitive 0 of mesh 1 stays as it is") and "TXF-I63" in coded.remarks[-1]
+
+
 def bent(name, bend):
     """The GLB of a scene after bend(builder)."""
     builder = SCENES[name]()
@@ -186,6 +231,44 @@ def test_a_material_with_images_of_two_fields_is_refused():
         texfcodec.expand(with_tree(data, root))
 
 
+def fallbacks(data, **options):
+    """(A coded file with fallbacks, the remarks)."""
+    report = texfcodec.Report()
+    document = open_document(data, None, Notes())
+    return with_fallbacks(document, lambda stream: texfcodec.decode(stream, {"lod": 1}), report, **options), report.remarks
+
+
+def without_extension(data):
+    """A GLB as viewers see it that do not know TEXF_stream."""
+    root = tree_of(data)
+    for owner in (root, *root["textures"], *(primitive for mesh in root["meshes"] for primitive in mesh["primitives"])):
+        owner.get("extensions", {}).pop("TEXF_stream", None)
+    return with_tree(data, root)
+
+
+@pytest.mark.parametrize("name, support", [("many_materials", "texels"), ("spinning", "voxels")])
+def test_a_fallback_looks_alike_and_leaves_no_trace_where_the_stream_is_read(name, support, tmp_path):
+    source = SCENES[name]().glb()
+    data = texfcodec.encode_gltf(source, {**OPTIONS, "support": support}).data
+    both, remarks = fallbacks(data)
+    assert remarks == [] and "extensionsRequired" not in tree_of(both) and texfcodec.expand(both) == texfcodec.expand(data)
+    scenes = [load_bytes(tmp_path, file, f"{n}.glb") for n, file in enumerate((source, without_extension(both)))]
+    assert compare_views(*scenes, views=4, size=192)["psnr"]["y"] > 25
+
+
+@pytest.mark.parametrize("name", ["skinned", "morphing", "variants", "strange"])
+def test_a_primitive_with_stored_values_has_no_fallback_and_a_remark_says_so(name, coded):
+    both, remarks = fallbacks(coded[name][1])
+    assert "TEXF_stream" in tree_of(both)["extensionsRequired"] and texfcodec.expand(both) == coded[name][2]
+    assert remarks and all("has no fallback" in remark for remark in remarks) and len(both) < len(coded[name][1]) + 200
+
+
+def test_fallbacks_share_the_faces_that_are_allowed_and_none_is_empty(coded):
+    for faces, expected in ((20, [10, 10]), (1, [1, 1])):
+        root = tree_of(fallbacks(coded["spinning"][1], faces=faces)[0])
+        assert [root["accessors"][mesh["primitives"][0]["indices"]]["count"] // 3 for mesh in root["meshes"]] == expected
+
+
 @pytest.mark.parametrize("options", [("--target-bytes", "3000"), ("--explain-time",)])
 def test_options_of_a_single_stream_are_refused(options, call, tmp_path):
     (tmp_path / "a.glb").write_bytes(skinned().glb())
@@ -203,11 +286,15 @@ def test_options_of_an_atlas_do_not_apply_to_a_scene(call, tmp_path, coded):
 def test_the_tools_code_and_expand_a_scene(call, tmp_path):
     source, coded_file, plain = (tmp_path / name for name in ("source.glb", "coded.glb", "plain.glb"))
     source.write_bytes(skinned().glb())
-    assert call("texf-enc", source, coded_file, "--effort", "fast")[0] == 0
+    code, out, _ = call("texf-enc", source, coded_file, "--effort", "fast", "--json")
+    assert code == 0
+    assert all(stream["supports"]["groups"] and stream["channels"][0]["bytes"] for stream in json.loads(out)["streams"])
     code, out, _ = call("texf-dec", coded_file, plain)
     assert code == 0 and "ordinary glTF" in out
     assert kept_json(tree_of(plain.read_bytes())) == kept_json(tree_of(source.read_bytes()))
     assert call("texf-dec", coded_file, tmp_path / "plain.obj")[0] == 1
+    code, _, said = call("texf-dec", coded_file, tmp_path / "both.glb", "--carry-stream", "--fallback-faces", 9)
+    assert code == 0 and "primitive 0 of mesh 1 has no fallback: JOINTS_0, WEIGHTS_0" in said
 
 
 @pytest.mark.parametrize(("mode", "is_rotation"), [("LINEAR", False), ("STEP", False), ("LINEAR", True)])

@@ -43,7 +43,8 @@ def read_catalogue(source: Path, out: Path, note: Callable[[str], object], passe
     in its order. Each gets a unique name for its stream (stream_names.py).
 
     source: the folder or manifest; out: the folder for results, which is skipped; note(text): reports skipped links;
-    passed_over: gets the files that are not meshes; suffix: of the streams that the catalogue does not name. Raises InputError TXF-I57, and TXF-I01 for a catalogue that does not exist.
+    passed_over: gets the files that are not meshes; suffix: of the streams that the catalogue does not name.
+    Raises InputError TXF-I57, and TXF-I01 for a catalogue that does not exist.
     """
     try:
         if source.is_dir():
@@ -119,7 +120,8 @@ def _of_table(table, own, folder):
     strange = sorted(table.keys() - set(KEYS))
     _check(not strange, f"an [[asset]] has unknown keys: {', '.join(strange)}; it may have path, out and options")
     name, out = table["path"], table.get("out", short_name(Path(table["path"])))
-    _check(isinstance(out, str) and out.lower().endswith((SUFFIX, SCENE)) and not Path(out).is_absolute() and ".." not in Path(out).parts,
+    _check(isinstance(out, str) and out.lower().endswith((SUFFIX, SCENE)) and not Path(out).is_absolute()
+           and ".." not in Path(out).parts,
            f"out of {name} must be a relative path that ends in {SUFFIX} or {SCENE} and stays in the results folder")
     options = table.get("options", {})
     _check(isinstance(own, dict) and isinstance(options, dict), "options must be a table of names and values")

@@ -16,7 +16,7 @@ from ..precompile import DECODING
 from ..report import plural
 from .console import STYLE, check_output, run, run_facts, timing_line, write_output
 from .flags import file_names, limit_flags, limits_of, number, option_flags, report_flags
-from .scene_file import expand_scene_file
+from .scene_file import add_fallbacks_to_file, expand_scene_file
 
 _SAVE_OPTIONS = ("appearance", "texture_size", "atlas", "texture_format", "texture_quality", "compress")
 _FALLBACK_LOD = 3  # an eighth of the texels along a side, a 64th of the bytes of images
@@ -58,7 +58,7 @@ _STREAM = ".texf"
 def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, quiet, **choices):
     """Decode IN.texf ("-": stdin) to a mesh file. The suffix of OUT chooses the format ("-": GLB on stdout, with the report on
     stderr). IN may be a GLB that carries a stream; OUT.texf then extracts it. IN may be a scene that texf-enc wrote as a GLB;
-    OUT.glb is then an ordinary glTF.
+    OUT.glb is then an ordinary glTF, or with --carry-stream the scene with an ordinary mesh beside each coded one.
 
     For files from unknown sources, use --isolate and lower the limits.
 
@@ -91,9 +91,11 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
         if out != "-" and not out.lower().endswith(".glb"):
             raise click.UsageError(f"{source} is a scene whose meshes are coded: OUT must end in .glb")
         texture_format = save_options.pop("texture_format")
-        if carry_stream or SaveOptions(**save_options) != SaveOptions():
-            raise click.UsageError(f"{source} is a scene whose meshes are coded: of the options for OUT, only --texture-format "
-                                   "applies")
+        if SaveOptions(**save_options) != SaveOptions():
+            raise click.UsageError(f"{source} is a scene whose meshes are coded: of the options for OUT, only --texture-format, "
+                                   "--carry-stream and --fallback-faces apply")
+        if carry_stream:
+            return add_fallbacks_to_file(console, data, (source, out), options, (texture_format, fallback_faces))
         return expand_scene_file(console, data, source, out, options, texture_format)
     data = stream_within(data)
     sandboxed = takes_sandbox(options)

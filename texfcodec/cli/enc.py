@@ -21,6 +21,7 @@ from .explain_lines import explain_flags, explain_lines, seconds_to_explain
 from .flags import file_names, flag_of, limit_flags, limits_of, option_flags, report_flags
 from .inputs import load_mesh
 from .scene_file import encode_scene_file
+from .stream_facts import stream_facts
 
 _SCENE = ".glb"
 RATE, KEPT, EFFORT, CODEC, NEURAL, LIMITS, BATCH = (OptionGroup(name, help=text) for name, text in {
@@ -172,19 +173,9 @@ def _load(source, options, report):
 
 def _encode(scene, options, report, out, explained=None):
     """Encodes, measures if requested, and writes; returns facts about the stream. explained: as of seconds_to_explain."""
-    from ..bitstream.inspect import inspect
-
     encoded = encode_loaded(scene, options, report)
     more = {} if explained is None else {"explained": _explain(scene, options, encoded, report, explained)}
-    psnr = encoded.psnr_3d
-    facts = {"bytes": encoded.sizes, **_sizes(scene, len(encoded.data)), "resolution": encoded.resolution, "qp": encoded.qp,
-             "max_error": options.max_error, **encoded.counts, "codec": options.codec,
-             "texels_per_voxel_edge": round(encoded.texels_per_voxel_edge, 3),
-             "psnr_3d": psnr and {name: psnr[name] for name in ("y", "yuv611", "rgb")}, "psnr_samples": psnr and psnr["samples"],
-             "check": encoded.check}
-    facts |= encoded.choices | more
-    for channel, group in zip(facts.get("channels", []), inspect(encoded.data)["groups"], strict=False):
-        channel["bytes"] = group["bytes"]
+    facts = {**_sizes(scene, len(encoded.data)), **stream_facts(encoded, options), **more}
     write_output(out, encoded.data, scene.files)  # the last that may fail
     return facts
 

@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING, Any
 from ..api import encode_loaded, expand
 from ..core.colour_error import in_decibels
 from ..core.json_text import json_ready
+from ..io.container.layout import streams_of
+from ..io.gltf.document import open_document
 from ..io.load import read_source
 from ..io.opened import opened, recording
+from ..io.parts import Notes
 from ..report import plural
 from .console import Console, check_output, run_facts, timing_line, write_output
 from .effect_lines import losses_in_words
+from .stream_facts import stream_facts
 
 if TYPE_CHECKING:
     from ..options import DecodeOptions, EncodeOptions
@@ -32,11 +36,10 @@ def encode_scene_file(console: Console, source: str, out: str, options: EncodeOp
     if not console.as_json:
         console.warnings(report)
     sizes = {"total": len(encoded.data), **encoded.sizes}
-    streams = [{"bytes": stream.sizes, **stream.counts, "resolution": stream.resolution, "qp": stream.qp, "check": stream.check}
-               for stream in encoded.streams]
+    streams = [json_ready(stream_facts(stream, options)) for stream in encoded.streams]
     source_bytes = sum(files.values())
     facts = {"bytes": sizes, "source": {"bytes": source_bytes, "files": len(files), "names": list(files)},
-             "ratio": round(source_bytes / len(encoded.data), 3), "streams": json_ready(streams), **run_facts(report)}
+             "ratio": round(source_bytes / len(encoded.data), 3), "streams": streams, **run_facts(report)}
     console.result(facts, _lines(facts, out))
 
 
@@ -62,6 +65,32 @@ def expand_scene_file(console: Console, data: bytes, source: str, out: str, opti
         console.warnings(report)
     facts = {"bytes": {"total": len(data)}, "files": [Path(out).name], "written": len(glb), **run_facts(report)}
     console.result(facts, _expanded_lines(facts, out))
+
+
+def add_fallbacks_to_file(console: Console, data: bytes, paths: tuple[str, str], options: DecodeOptions,
+                          wanted: tuple[str, int | None]) -> None:
+    """Write a coded glTF file with a fallback beside each coded primitive, and print the result. paths: source, which may be "-",
+    and out; wanted: format of images, and most faces."""
+    from ..encoder.container.fallback import with_fallbacks
+    from ..sandbox.engines import decode_by_engine
+
+    (source, out), (texture_format, faces) = paths, wanted
+    with console.progress() as report:
+        document = open_document(data, Path(), Notes())
+        glb = with_fallbacks(document, lambda stream: decode_by_engine(stream, options, report), report, faces, texture_format)
+        write_output(out, glb, [] if source == "-" else [source])
+    if not console.as_json:
+        console.warnings(report)
+    streams = sum(map(len, streams_of(document)))
+    facts = {"bytes": {"total": len(data)}, "files": [Path(out).name], "written": len(glb),
+             "carried": {"stream": streams, "fallback": len(glb) - len(data)}, **run_facts(report)}
+    console.result(facts, _carried_lines(facts, out))
+
+
+def _carried_lines(facts: dict[str, Any], out: str) -> Iterator[str]:
+    carried = facts["carried"]
+    yield f"{out}: {facts['written']} bytes, with streams ({carried['stream']} bytes) and fallbacks ({carried['fallback']} bytes)"
+    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 
 def _expanded_lines(facts: dict[str, Any], out: str) -> Iterator[str]:

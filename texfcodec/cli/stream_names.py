@@ -1,8 +1,9 @@
 """Names of the streams of a batch: unique, and never changed once given.
 
-The rule: chair.glb becomes chair.texf, or chair.glb if scenes are kept. If several assets would get the same name, each takes its whole name, chair.glb.texf and
-chair.stl.texf. If these differ in case alone, or come from different folders, six digits of a hash follow, as in
-chair.glb~1f3a5c.texf. An asset that has a stream already keeps its name, whatever is added to the catalogue later.
+The rule: chair.glb becomes chair.texf, or chair.glb if scenes are kept. If several assets would get the same name, each takes
+its whole name, chair.glb.texf and chair.stl.texf. If these differ in case alone, or come from different folders, six digits of a
+hash follow, as in chair.glb~1f3a5c.texf. An asset that has a stream already keeps its name, whatever is added to the catalogue
+later.
 """
 
 from __future__ import annotations

@@ -30,7 +30,6 @@ from .plan import KeptNotes, clusters_of, plan_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from ...io.gltf.document import Document
     from ...options import EncodeOptions
     from ...report import Report
     from ...scene.scene import Scene
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
     from .plan import CodedPart, Plan
 
 _DRACO = "KHR_draco_mesh_compression"
-_OF_A_PART = ("TXF-I60", "TXF-I61", "TXF-I62", "TXF-I63")  # of the meshes of a stream; other findings are of the file or of options
+_OF_A_PART = ("TXF-I60", "TXF-I61", "TXF-I62", "TXF-I63")  # of a stream's meshes; others are of the file or of options
 
 
 @dataclass(kw_only=True)

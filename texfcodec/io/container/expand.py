@@ -69,15 +69,14 @@ def expanded(document: Document, decode: Callable[[bytes], Texf], texture_format
     streams = [decode(stream) for stream in streams_of(document)]
     primitives = read_primitives(document, [len(texf.units) for texf in streams])
     for number, texf in enumerate(streams):
-        _Expansion(document, out, texf, [p for p in primitives if p.stream == number]).write(texture_format)
-    out.root["extensions"].pop(EXTENSION)
-    if not out.root["extensions"]:
-        del out.root["extensions"]
+        Expansion(document, out, texf, [p for p in primitives if p.stream == number]).write(texture_format)
+    for owner in (out.root, *out.root.get("textures", ())):
+        _drop(owner)
     return out.glb()
 
 
 @dataclass
-class _Expansion:
+class Expansion:
     """One stream of a container. primitives: those that consist of its units."""
 
     document: Document
@@ -88,7 +87,7 @@ class _Expansion:
     def write(self, texture_format: str) -> None:
         """Replace the primitives' units by accessors and their materials' images by those of the stream."""
         for coded in self.primitives:
-            check_corners(coded, self.texf, _stored_count(self.document, self._entry(coded)))
+            check_corners(coded, self.texf, _stored_count(self.document, coded, self._entry(coded)))
         mesh = textured(self.texf, self._materials())
         self._write_images(mesh, texture_format)
         columns = corner_columns(self.texf, mesh)
@@ -135,7 +134,7 @@ class _Expansion:
 
     def _is_held(self, info):
         """Return whether a textureInfo refers to a texture without an image, which a stream gives."""
-        return bool(info) and self.document.entry("textures", info.get("index")).keys().isdisjoint(("source", "extensions"))
+        return bool(info) and is_from_stream(self.document.entry("textures", info.get("index")))
 
     def _write_images(self, mesh: Textured, texture_format):
         """Add the images of the stream, and name them in the materials."""
@@ -147,15 +146,23 @@ class _Expansion:
             if form.extension is not None:
                 self.out.use_extension(form.extension, required=True)
                 source = {"extensions": {form.extension: source}}
-            numbers.append(self.out.add("textures", {"sampler": self._sampler(texture)} | source))
+            numbers.append(self.out.add("textures", self._texture({"sampler": self._sampler(texture)} | source)))
         texcoord = {self._entry(coded).get("material"): coded.texcoord for coded in self.primitives}
         for material, images_of in zip(self.file_materials, mesh.images, strict=False):
             for name, image in images_of.items():
                 info = slot_of(self.out.root["materials"][material], BY_NAME[name])
-                is_given = not self.out.root["textures"][info["index"]].keys().isdisjoint(("source", "extensions"))
-                if is_given and info["index"] != numbers[image]:  # two channels may share a slot, not two images
+                is_new = info["index"] >= len(self.document.entries("textures"))
+                if is_new and info["index"] != numbers[image]:  # two channels may share a slot, not two images
                     raise malformed("a material gets its images from several streams or fields", value=material)
                 _refer(info, numbers[image], texcoord[material])
+
+    def _texture(self, entry):
+        """Return the entry of a texture of the stream."""
+        return entry
+
+    def _finish(self, primitive):
+        """Complete a primitive whose attributes are written."""
+        _drop(primitive)
 
     def _sampler(self, texture):
         sampler = sampler_of(texture)
@@ -187,21 +194,21 @@ class _Expansion:
         order = (faces[:, [0, 2, 1]] if mirrored else faces).reshape(-1)
         keys = [row for column in values.values() for row in np.ascontiguousarray(column).view(np.int32).T]
         first, index = unique_corners(vertex, *keys)
-        self._write_attributes(entry, {name: column[first] for name, column in values.items()}, vertex[first])
+        self._write_attributes(coded, {name: column[first] for name, column in values.items()}, vertex[first])
         corners = index[order]
         corners = corners.astype(np.uint16 if len(first) <= 65535 else np.uint32)[:, None]
         entry["indices"] = self.out.add_accessor(corners, "SCALAR", target=INDEX)
-        _drop(entry)
+        self._finish(entry)
 
-    def _write_attributes(self, entry, values, vertex):
+    def _write_attributes(self, coded, values, vertex):
         """Write attributes of the stream, and repeat the stored ones. vertex: int64 [N], stored vertex of each vertex."""
-        attributes = {}
+        attributes, entry = {}, self._entry(coded)
         for name, column in values.items():
             number = attributes[name] = self.out.add_accessor(column, f"VEC{column.shape[1]}", target=ARRAY)
             if name == "POSITION":
                 self.out.add_bounds(number, column)
-        for name, number in entry.get("attributes", {}).items():
-            if name not in values and _is_stored(self.document, number):
+        for name, number in stored_attributes(self.document, coded, entry).items():
+            if name not in values:
                 attributes[name] = self._repeated(number, vertex)
         entry["attributes"] = attributes
         repeated: dict[int, int] = {}
@@ -217,16 +224,23 @@ class _Expansion:
         return self.out.add_stored(number, values[vertex], is_target)
 
 
-def _is_stored(document, number):
-    """Return whether an accessor has values in the file."""
-    entry = document.entry("accessors", number)
-    return "bufferView" in entry or "sparse" in entry
+def is_from_stream(texture: dict) -> bool:
+    """Return whether a stream gives the image of a texture; an image of its own is then a fallback."""
+    return EXTENSION in extensions(texture) or texture.keys().isdisjoint(("source", "extensions"))
 
 
-def _stored_count(document, primitive):
+def stored_attributes(document: Document, coded: CodedPrimitive, primitive: dict) -> dict[str, int]:
+    """Return the accessors of a coded primitive's attributes that are stored for the stream's vertices: those with values in the
+    file, if they are no fallback. primitive: its JSON, with accessors of the document."""
+    numbers = {} if coded.has_fallback else part(primitive, "attributes")
+    return {name: number for name, number in numbers.items()
+            if not document.entry("accessors", number).keys().isdisjoint(("bufferView", "sparse"))}
+
+
+def _stored_count(document, coded, primitive):
     """Return the number of values of the stored attributes of a primitive, None without any. Raises InputError TXF-I09 if they
     differ."""
-    numbers = [n for n in part(primitive, "attributes").values() if _is_stored(document, n)]
+    numbers = list(stored_attributes(document, coded, primitive).values())
     numbers += [n for target in primitive.get("targets", ()) for n in target.values()]
     counts = {integer(document.entry("accessors", n), "count", low=1) for n in numbers}
     if len(counts) > 1:
@@ -251,8 +265,8 @@ def _refer(info, texture, texcoord):
         del info["extensions"]
 
 
-def _drop(primitive):
-    """Remove the extension from a primitive."""
-    del primitive["extensions"][EXTENSION]
-    if not primitive["extensions"]:
-        del primitive["extensions"]
+def _drop(owner):
+    """Remove the extension from an object, if it is there."""
+    owner.get("extensions", {}).pop(EXTENSION, None)
+    if owner.get("extensions") == {}:
+        del owner["extensions"]

@@ -32,7 +32,8 @@ class CodedPrimitive:
 
     mesh, number: indices of the mesh and of the primitive in it; stream: index into the file's streams; units: indices of
     geometry units, in order; matrix: float64 [4, 4] acting on columns, from the stream's space to the mesh's; texcoord: number of
-    the UV set that the stream gives; splits: int64 [N, 2], (corner, vertex) of corners that do not use their unit's vertex.
+    the UV set that the stream gives; splits: int64 [N, 2], (corner, vertex) of corners that do not use their unit's vertex;
+    has_fallback: whether its attributes and indices are those of a fallback, which stands for none of the stream's vertices.
     """
 
     mesh: int
@@ -42,6 +43,7 @@ class CodedPrimitive:
     matrix: np.ndarray
     texcoord: int
     splits: np.ndarray
+    has_fallback: bool = False
 
     def corners(self, texf: Texf) -> np.ndarray:
         """Return the vertex of each corner, int64 [F, 3]: numbered through the units in order, then the splits."""
@@ -112,6 +114,8 @@ def read_primitives(document: Document, unit_counts: list[int]) -> list[CodedPri
             if not isinstance(primitive, dict) or EXTENSION not in extensions(primitive):
                 continue
             coded = _read_primitive(document, part(extensions(primitive), EXTENSION), (mesh, number), unit_counts)
+            if coded.has_fallback and (len(coded.splits) or primitive.get("targets")):
+                raise malformed("a primitive with a fallback has splits or morph targets", value=number)
             for unit in coded.units:
                 if (coded.stream, unit) in users:
                     raise malformed("two primitives consist of one unit of a stream", value=unit)
@@ -129,16 +133,18 @@ def _read_primitive(document, entry, place, unit_counts):
     matrix = np.array(numbers(entry, "matrix", _IDENTITY)).reshape(4, 4).T
     if not abs(np.linalg.det(matrix[:3, :3])) > 0 or not np.isfinite(np.linalg.inv(matrix[:3, :3])).all():
         raise malformed("the matrix of a primitive has no inverse")
-    texcoord, splits = entry.get("texCoord", 0), np.zeros((0, 2), np.int64)
+    texcoord, splits, fallback = entry.get("texCoord", 0), np.zeros((0, 2), np.int64), entry.get("fallback", False)
     if not is_index(texcoord):
         raise malformed("'texCoord' is not an index", value=str(texcoord)[:20])
+    if not isinstance(fallback, bool):
+        raise malformed("'fallback' is neither true nor false", value=str(fallback)[:20])
     if "splits" in entry:
         stored = read_accessor(document, entry["splits"], ("VEC2",))
         if stored.dtype.kind != "u":
             raise malformed("the splits of a primitive are not unsigned integers", value=str(stored.dtype))
         splits = stored.astype(np.int64)
     return CodedPrimitive(mesh=place[0], number=place[1], stream=stream, units=tuple(units), matrix=matrix, texcoord=texcoord,
-                          splits=splits)
+                          splits=splits, has_fallback=fallback)
 
 
 def check_corners(coded: CodedPrimitive, texf: Texf, count: int | None) -> None:

@@ -130,6 +130,12 @@ class Rewritten:
             if name not in self.root.get(kind, ()):
                 self.root.setdefault(kind, []).append(name)
 
+    def require_no_more(self, name: str) -> None:
+        """Remove an extension from extensionsRequired."""
+        self.root["extensionsRequired"] = [other for other in self.root.get("extensionsRequired", []) if other != name]
+        if not self.root["extensionsRequired"]:
+            del self.root["extensionsRequired"]
+
     def glb(self, deflate: bool = False) -> bytes:
         """Return the file.
 

@@ -263,6 +263,14 @@ def test_a_primitive_with_stored_values_has_no_fallback_and_a_remark_says_so(nam
     assert remarks and all("has no fallback" in remark for remark in remarks) and len(both) < len(coded[name][1]) + 200
 
 
+@pytest.mark.parametrize("name, value", [("spinning", 1), ("skinned", True), ("morphing", True)])  # a number, splits, targets
+def test_a_fallback_that_cannot_be_one_is_refused(name, value, coded):
+    root = tree_of(coded[name][1])
+    root["meshes"][-1]["primitives"][0]["extensions"]["TEXF_stream"]["fallback"] = value
+    with pytest.raises(texfcodec.InputError, match="fallback"):
+        texfcodec.expand(with_tree(coded[name][1], root))
+
+
 def test_fallbacks_share_the_faces_that_are_allowed_and_none_is_empty(coded):
     for faces, expected in ((20, [10, 10]), (1, [1, 1])):
         root = tree_of(fallbacks(coded["spinning"][1], faces=faces)[0])

@@ -53,8 +53,8 @@ def test_a_picture_stands_below_another_for_each_time(folder, call, tmp_path):
     (("--time", "0", "--animation", "walk"), 2, "TXF-I29"),
 ], ids=lambda value: " ".join(value) if isinstance(value, tuple) else "")
 def test_a_strange_pose_is_refused(folder, call, tmp_path, tool, flags, code, says):
-    ended, _, said = call(tool, folder / "spinning.glb", tmp_path / "out.png" if tool == "texf-render" else folder / "spinning.glb",
-                          *flags)
+    source = folder / "spinning.glb"
+    ended, _, said = call(tool, source, tmp_path / "out.png" if tool == "texf-render" else source, *flags)
     assert ended == code and says in said and list(tmp_path.iterdir()) == []
 
 

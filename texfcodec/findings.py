@@ -229,6 +229,8 @@ FINDINGS = (
             "download it, and put it at a path that the mesh names"),
     Finding("TXF-I28", InputError, (), "a texture has no image in a supported format (a warning unless --strict)",
             "export its image as PNG, JPEG, WebP or AVIF"),
+    Finding("TXF-I29", InputError, (), "the file has no animation, or none of this name or number, to pose it by",
+            "omit --time, or choose an animation that the message lists"),
     Finding("TXF-I30", SupportError, (),
             "the file is compressed by a form of meshopt that is not supported, or not without a package",
             'run pip install "texfcodec[formats]", or decompress it, e.g. with glTF-Transform'),

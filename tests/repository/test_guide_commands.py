@@ -8,6 +8,7 @@ import time
 import pages
 import pytest
 from batches import write_ball
+from gltf_scenes import spinning
 
 # What a command is not run for, and the reason. Every entry stands for at least one command, or a test says so.
 SKIPPED = {
@@ -46,6 +47,7 @@ def folder(tmp_path, monkeypatch, install):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "meshes").mkdir()
     write_ball(tmp_path / "meshes")
+    (tmp_path / "fan.glb").write_bytes(spinning().glb())
     lines = pages.indented_lines((pages.GUIDE / "catalogue.md").read_text(encoding="utf-8"))
     manifest = lines[lines.index("[options]") : max(i for i, line in enumerate(lines) if line.startswith("options = ")) + 1]
     (tmp_path / "catalogue.toml").write_text("\n".join(manifest))

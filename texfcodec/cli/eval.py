@@ -12,8 +12,8 @@ from ..options import DecodeOptions
 from ..precompile import ENCODING
 from ..scene.scene import Scene
 from .console import STYLE, run, run_facts, timing_line
-from .flags import file_names, limit_flags, limits_of, number, option_flags, report_flags
-from .inputs import check_stdin_once, load_mesh, open_asset, open_carried
+from .flags import file_names, limit_flags, limits_of, number, option_flags, pose_flags, pose_of, report_flags
+from .inputs import check_stdin_once, load_mesh, open_asset, open_carried, posed_meshes
 
 
 @click.command("texf-eval", context_settings=STYLE)
@@ -28,6 +28,7 @@ from .inputs import check_stdin_once, load_mesh, open_asset, open_carried
                                              "channel, and the angles between shading normals (docs/design/shading.md).")
 @click.option("--mipmaps", is_flag=True, help="Filter minified images and fields between two mip levels, as viewers do.")
 @click.option("--no-3d", is_flag=True, help="Leave out the metrics of surface points: 3D-PSNR, D1, D2, Hausdorff.")
+@pose_flags()
 @limit_flags("texels", "image_pixels")
 @option_flags(DecodeOptions, "threads")
 @report_flags()
@@ -45,18 +46,23 @@ def evaluate(console, source, other, weights, threads, as_json, quiet, **choices
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
-    options = DecodeOptions(threads=threads or 0, limits=limits_of(choices))
+    options, pose = DecodeOptions(threads=threads or 0, limits=limits_of(choices)), pose_of(choices)
     check_stdin_once(source, other)
     lpips = weights and Lpips(weights)  # first of all: it is quick to fail
     console.note_first_run(ENCODING)
     with console.progress() as report:
-        with report.stage("load"):
-            scene = _named(load_mesh(source, limits=options.limits), source, report)
-        facts = _measured(scene, _open(other, options, report), choices, lpips, options.threads, report)
+        if pose is None:
+            with report.stage("load"):
+                scene = _named(load_mesh(source, limits=options.limits), source, report)
+            facts = _measured(scene, _open(other, options, report), choices, lpips, options.threads, report)
+        else:
+            sides = (posed_meshes(path, pose, options.limits, report) for path in (source, other))
+            facts = {"times": [{"time": time, **_measured(*pair, choices, lpips, options.threads, report)}
+                               for time, *pair in zip(pose[0], *sides, strict=True)]}
     if not console.as_json:
         console.warnings(report)
     facts |= {name: value for name, value in run_facts(report).items() if name != "dropped"}
-    console.result(facts, _lines(facts, other))
+    console.result(facts, [*_lines(facts, other), timing_line(facts["seconds"], facts["peak_memory_bytes"])])
 
 
 def _named(scene, path, report):
@@ -102,6 +108,10 @@ def _measured(scene, decoded, flags, lpips, threads, report):
 
 
 def _lines(facts, other):
+    if "times" in facts:
+        for measured in facts["times"]:
+            yield from _lines(measured, f"{other} at {measured['time']:g} s")
+        return
     yield f"{other}: {facts['views']} views of {facts['size']} x {facts['size']}, {facts['pixels']} pixels compared"
     shown = {name: in_decibels(value, 3) for name, value in facts["psnr"].items()}
     yield f"PSNR: RGB {shown['rgb']}, Y {shown['y']}, U {shown['u']}, V {shown['v']}, YUV {shown['yuv']}"
@@ -117,7 +127,6 @@ def _lines(facts, other):
         yield f"3D-PSNR: Y {shown['y']}, YUV 6:1:1 {shown['yuv611']}, RGB {shown['rgb']} at {points['samples']} points"
     if facts["surface"]:
         yield from _surface_lines(facts["surface"])
-    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 
 def _outline_lines(facts):

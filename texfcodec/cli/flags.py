@@ -92,6 +92,37 @@ def _default_text(option):
     return "" if option.default is None or option.default is False else f"  [default: {option.default}]"
 
 
+def pose_flags() -> Callable[[Callable], Callable]:
+    """Return a decorator that adds --time and --animation to a click command, whose values pose_of() reads."""
+
+    def check(context, parameter, given):
+        words = [word for text in given for word in text.split(",")]
+        try:
+            times = tuple(float(word) for word in words)
+        except ValueError:
+            times = (math.nan,)
+        if not all(map(math.isfinite, times)):
+            raise click.BadParameter(f"{','.join(words)!r} must be finite numbers of seconds.")
+        return times
+
+    def decorate(function):
+        function = click.option("--animation", metavar="NAME|N", help="Animation of --time.  [default: the first]")(function)
+        return click.option("--time", "times", multiple=True, metavar="SECONDS", callback=check,
+                            help="Pose glTF files as their animation does at a time; several, separated by commas, one after "
+                                 "the other. Times outside of it give its first or last pose.")(function)
+
+    return decorate
+
+
+def pose_of(choices: dict) -> tuple[tuple[float, ...], str | None] | None:
+    """Take the values of the flags of pose_flags() out of choices (all flags by name) and return them as (times, animation); None
+    without --time. Raises click.UsageError for --animation alone."""
+    times, animation = choices.pop("times"), choices.pop("animation")
+    if animation is not None and not times:
+        raise click.UsageError("--animation requires --time")
+    return (times, animation) if times else None
+
+
 def limit_flags(*names: str, option: Callable = click.option) -> Callable[[Callable], Callable]:
     """Return a decorator that adds --limit NAME=N for the named fields of Limits, and the hidden flags --max-NAME of version
     0.9. limits_of() reads their values. option: click.option, or that of an OptionGroup."""

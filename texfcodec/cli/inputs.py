@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import click
@@ -142,6 +143,31 @@ def load_asset(path: str, options: DecodeOptions, inputs: list[str], report: Rep
     report.warnings += asset.warnings
     report.dropped += asset.dropped
     return asset
+
+
+def posed_meshes(path: str, pose: tuple[tuple[float, ...], str | None], limits: Limits, report: Report) -> Iterator[Scene]:
+    """Yield the Scenes of a glTF file, or of one on stdin for "-", at times of an animation.
+
+    pose: (times in seconds, animation), as of load_posed(), whose errors are raised; report: gets seconds, warnings, and what is
+    not read, each once.
+    """
+    from ..io.load import load_posed
+
+    scenes = load_posed(_stdin() if path == "-" else path, *pose, limits)
+    for _ in pose[0]:
+        with report.stage("load"):
+            scene = next(scenes)
+        report.warnings += [text for text in scene.warnings if text not in report.warnings]
+        report.dropped += [name for name in scene.dropped if name not in report.dropped]
+        yield scene
+
+
+def posed_assets(path: str, pose: tuple[tuple[float, ...], str | None], limits: Limits, inputs: list[str],
+                 report: Report) -> list[Scene]:
+    """Return posed_meshes(), to be drawn. inputs: the names of the files read are appended."""
+    scenes = list(posed_meshes(path, pose, limits, report))
+    inputs += files_of(path, scenes[0])
+    return scenes
 
 
 def checked_stream(data: bytes, limits: Limits) -> list[str]:

@@ -4,13 +4,25 @@ from functools import partial
 from pathlib import Path
 
 import click
+import numpy as np
 
 from ..core.colour_error import in_decibels
 from ..options import DecodeOptions, default_threads
 from ..precompile import DECODING
 from .console import STYLE, check_output, run, run_facts, timing_line, write_output
-from .flags import direction_of, file_names, limit_flags, limits_of, number, option_flags, report_flags, size_of
-from .inputs import check_stdin_once, load_asset, say_losses
+from .flags import (
+    direction_of,
+    file_names,
+    limit_flags,
+    limits_of,
+    number,
+    option_flags,
+    pose_flags,
+    pose_of,
+    report_flags,
+    size_of,
+)
+from .inputs import check_stdin_once, load_asset, posed_assets, say_losses
 
 WHITE = (255, 255, 255)
 PLAIN = {"white": WHITE, "black": (0, 0, 0)}
@@ -52,6 +64,7 @@ def _background_of(context, parameter, value):
               help="Background: grey (lighter at the top), white, black or r,g,b in 0..255.  [default: grey]")
 @click.option("--compare", metavar="OTHER", shell_complete=file_names,
               help="Draw a second stream or mesh beside the first, and a heat map of their difference.")
+@pose_flags()
 @limit_flags("texels", "image_pixels")
 @option_flags(DecodeOptions, "threads")
 @report_flags()
@@ -62,7 +75,7 @@ def render(console, source, out, compare, as_json, quiet, **choices):
 
     IN or OTHER may be "-": a stream or a mesh on stdin. The camera shows the vertices of IN as large as they fit, and OTHER from
     the same place. PSNR counts the pixels that both cover, over white where --background is grey. Without --shaded it compares
-    base colour.
+    base colour. With several --time the pictures stand one below the other, from one place.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
@@ -74,45 +87,57 @@ def render(console, source, out, compare, as_json, quiet, **choices):
         raise click.UsageError(f"{out} must end in .png")
     inputs = [name for name in (source, compare) if name is not None]
     check_output(out, inputs)
-    choices |= {"threads": choices["threads"] or default_threads(), "limits": limits_of(choices)}
+    choices |= {"threads": choices["threads"] or default_threads(), "limits": limits_of(choices), "pose": pose_of(choices)}
     console.note_first_run(DECODING)
     from ..render.thumbnail import to_png
 
     with console.progress() as report:
-        picture, compared, image = _pictures(source, compare, choices, inputs, report)
+        frames = _frames(source, compare, choices, inputs, report)
+        image = np.concatenate([image for _, _, image in frames])
         check_output(out, inputs)
         with report.stage("save"):
             write_output(out, to_png(image), inputs)
     say_losses(console, report)
-    facts = _facts(image, picture, choices, compared, report) | {"files": [Path(out).name] if out != "-" else []}
+    facts = _facts(image, frames, choices, report) | {"files": [Path(out).name] if out != "-" else []}
     console.result(facts, _lines(facts, out))
 
 
-def _pictures(source, compare, choices, inputs, report):
-    """(Picture of the source, figures of compare() or None, image to write); adds the input files to inputs."""
-    options = DecodeOptions(threads=choices["threads"], limits=choices["limits"])
-    first = load_asset(source, options, inputs, report)
+def _frames(source, compare, choices, inputs, report):
+    """[(Picture of the source, figures of compare() or None, image)] of each time; adds the input files to inputs."""
+    first = _assets(source, choices, inputs, report)
+    second = _assets(compare, choices, inputs, report) if compare is not None else [None] * len(first)
     camera, measured = _camera(first, choices), bool(choices["shaded"])
     if choices["shaded"] is None:
         from ..render.backdrop import is_nearly_uniform
 
-        choices["shaded"] = is_nearly_uniform(first)
-    picture = _draw(first, camera, choices, report)
-    if not len(picture.pixel):
+        choices["shaded"] = is_nearly_uniform(first[0])
+    frames = []
+    for pair in zip(first, second, strict=True):
+        picture = _draw(pair[0], camera, choices, report)
+        if compare is None:
+            frames.append((picture, None, _image(picture, choices)))
+            continue
+        shown, unlit = [picture, _draw(pair[1], camera, choices, report)], choices | {"shaded": measured}
+        compared = shown if measured == choices["shaded"] else [_draw(asset, camera, unlit, report) for asset in pair]
+        named = list(zip(pair, (source, compare), strict=True))
+        frames.append((picture, *_compared(named, shown, compared, choices, report)))
+    if not any(len(picture.pixel) for picture, _, _ in frames):
         report.warnings.append("the view shows no surface: the picture is empty")
-    if compare is None:
-        return picture, None, _image(picture, choices)
-    second = load_asset(compare, options, inputs, report)
-    shown, unlit = [picture, _draw(second, camera, choices, report)], choices | {"shaded": measured}
-    compared = shown if measured == choices["shaded"] else [_draw(asset, camera, unlit, report) for asset in (first, second)]
-    return picture, *_compared([(first, source), (second, compare)], shown, compared, choices, report)
+    return frames
 
 
-def _camera(asset, choices):
+def _assets(path, choices, inputs, report):
+    """Scene or Texf at path, in a list; with a pose the Scenes at its times."""
+    options = DecodeOptions(threads=choices["threads"], limits=choices["limits"])
+    return posed_assets(path, choices["pose"], options.limits, inputs, report) if choices["pose"] else \
+        [load_asset(path, options, inputs, report)]
+
+
+def _camera(assets, choices):
     from ..render.camera import framing
 
     size = tuple(side * choices["anti_alias"] for side in choices["size"])
-    return framing(choices["view"], asset.positions, size, choices["perspective"])
+    return framing(choices["view"], np.concatenate([asset.positions for asset in assets]), size, choices["perspective"])
 
 
 def _draw(asset, camera, choices, report):
@@ -151,25 +176,31 @@ def _compared(named, shown, compared, choices, report):
                                               "only"], choices["background"])
 
 
-def _facts(image, picture, choices, compared, report):
+def _facts(image, frames, choices, report):
+    picture, pose = frames[0][0], choices["pose"]
+    shown = [{"covered": len(picture.pixel), "compare": compared} for picture, compared, _ in frames]
     return {"width": image.shape[1], "height": image.shape[0], "direction": [round(float(v), 6) for v in choices["view"]],
             "perspective": choices["perspective"], "shaded": choices["shaded"], "pixels": picture.width * picture.height,
-            "covered": len(picture.pixel), "background": list(choices["background"]), "compare": compared,
-            **run_facts(report)}
+            "background": list(choices["background"]), **run_facts(report),
+            **({"times": [{"time": time, **each} for time, each in zip(pose[0], shown, strict=True)]} if pose else shown[0])}
 
 
 def _lines(facts, out):
-    share = 100 * facts["covered"] / facts["pixels"]
     lit = ", with lighting" if facts["shaded"] else ""
-    yield f"{out}: {facts['width']} x {facts['height']} pixels, {share:.1f} % of the view covered{lit}"
-    difference = facts["compare"]
+    for shown in facts.get("times", [facts]):
+        share, at = 100 * shown["covered"] / facts["pixels"], f" at {shown['time']:g} s" if "time" in shown else ""
+        yield f"{out}{at}: {facts['width']} x {facts['height']} pixels, {share:.1f} % of the view covered{lit}"
+        yield from _difference_lines(shown["compare"])
+    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
+
+
+def _difference_lines(difference):
     if difference and not difference["pixels_both"]:
         yield "no pixel is covered by both, so there is no PSNR"
     elif difference:
         shown = {name: in_decibels(difference[name]) for name in ("psnr_rgb", "psnr_y")}
         yield (f"PSNR over the {difference['pixels_both']} pixels that both cover: RGB {shown['psnr_rgb']}, Y {shown['psnr_y']}; "
                f"{difference['pixels_only_first']} only in the first, {difference['pixels_only_second']} only in the second")
-    yield timing_line(facts["seconds"], facts["peak_memory_bytes"])
 
 
 main = partial(run, render)

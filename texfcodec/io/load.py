@@ -1,6 +1,8 @@
 """Loading: a path or a mesh object becomes a Scene, or one error with a code of findings.py (TXF-I01 to I41)."""
 
 import os
+from collections.abc import Iterator, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -63,6 +65,47 @@ def load(source: object, strict: bool = False, limits: Limits | None = None) -> 
     raise InputError("TXF-I05", "this type cannot be loaded; pass a path, bytes, a binary file object, a trimesh object or a "
                                 "Scene",
                      value=type(source).__name__)
+
+
+def load_posed(source: object, times: Sequence[float], animation: str | None = None,
+               limits: Limits | None = None) -> Iterator[Scene]:
+    """Read a glTF file in the poses of an animation.
+
+    Parameters
+    ----------
+    source : str, PathLike, bytes-like or file object
+        A .glb or .gltf file; streams of its meshes are decoded once.
+    times : sequence of float
+        Seconds.
+    animation : str, optional
+        Name or number; None for the first.
+    limits : Limits, optional
+        As of load().
+
+    Yields
+    ------
+    Scene
+        The meshes in world space, at each time.
+
+    Raises
+    ------
+    InputError, SupportError, LimitError
+        As load(); TXF-I29 if the input has no such animation.
+    """
+    from .gltf.pose import plain_glb, read_posed
+
+    with recording() as files:
+        data, folder = read_source(source)
+        if isinstance(source, (str, os.PathLike)):
+            opened(Path(source))
+        plain = _guarded(lambda: plain_glb(data, folder, limits or Limits()), "TXF-I09")
+    for time in times:
+        notes = Notes(limits=limits)
+        notes.path = Path(source) if isinstance(source, (str, os.PathLike)) else Path()
+        with recording() as more:
+            scene = _guarded(partial(read_posed, plain, folder, notes, time, animation), "TXF-I09")
+        scene.files = files | more
+        yield scene
 
 
 def read_source(source: object) -> tuple[bytes, Path]:

@@ -32,13 +32,14 @@ _MODE_NAMES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip"}
 class MeshReader:
     """Reads each mesh once, for any number of nodes.
 
-    material_fields_of: material index or None -> MaterialFields. After reading, `materials` lists the used material
-    indices in order of first use (None is glTF's default), and Part.material is an index into it; `pools` has the vertex pools
-    that the Parts take their used vertices from; `beside` counts the primitives that are not triangles, by kind.
+    material_fields_of: material index or None -> MaterialFields; is_posed: whether morph targets move tangents. After reading,
+    `materials` lists the used material indices in order of first use (None is glTF's default), and Part.material is an index into
+    it; `pools` has the vertex pools that the Parts take their used vertices from; `beside` counts the primitives that are not
+    triangles, by kind.
     """
 
-    def __init__(self, document: Document, material_fields_of: Callable[[Any], MaterialFields]) -> None:
-        self.document, self.material_fields_of = document, material_fields_of
+    def __init__(self, document: Document, material_fields_of: Callable[[Any], MaterialFields], is_posed: bool = False) -> None:
+        self.document, self.material_fields_of, self.is_posed = document, material_fields_of, is_posed
         self._slots: dict[int | None, int] = {}
         self._meshes: dict[tuple[int, bool], list[Part]] = {}
         self.pools = VertexPools()
@@ -115,6 +116,9 @@ class MeshReader:
         if source.has("NORMAL"):  # without it, TANGENT says nothing (section 3.7.2.1)
             result.normal = self._morphed(mesh, primitive, source.floats("NORMAL", ("VEC3",)), source, "NORMAL")
             result.tangent = source.floats("TANGENT", ("VEC4",)) if source.has("TANGENT") else None
+            if self.is_posed and result.tangent is not None:
+                turned = self._morphed(mesh, primitive, result.tangent[:, :3], source, "TANGENT")
+                result.tangent = np.column_stack([turned, result.tangent[:, 3]])
         if skinned:
             result.influences = _influences(source)
         return result

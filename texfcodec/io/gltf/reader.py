@@ -29,6 +29,7 @@ from .skin import Rest
 
 if TYPE_CHECKING:
     from ...scene.scene import Scene
+    from .document import Document
 
 MAX_METADATA = 1 << 16  # bytes of JSON; larger extras are left behind with a name
 CAMERAS = "cameras are left out"
@@ -43,11 +44,11 @@ def read_gltf(data: bytes, folder: Path, notes: Notes) -> Scene:
     """Bytes of a .glb or .gltf file -> Scene. A stream that the file carries is read in place of its meshes. folder: base of
     relative URIs. Raises errors with codes of findings.py."""
     document = open_document(data, folder, notes)
-    _check_required(document)
+    check_required(document)
     if is_container(document.root):
         return _scene_of_container(document)
     scene = _scene_of_stream(document)
-    return _scene_of_nodes(document) if scene is None else scene
+    return scene_of_nodes(document) if scene is None else scene
 
 
 def _scene_of_container(document):
@@ -88,8 +89,8 @@ def _scene_of_stream(document):
     return scene
 
 
-def _scene_of_nodes(document):
-    """The Scene of the meshes that the default scene's nodes show."""
+def scene_of_nodes(document: Document, is_posed: bool = False) -> Scene:
+    """Return the Scene of the meshes that the default scene's nodes show. is_posed: whether morph weights move tangents too."""
     material_fields, notes = {}, document.notes
 
     def material_fields_of(material):
@@ -99,7 +100,7 @@ def _scene_of_nodes(document):
             material_fields[material] = read_material_fields(document, material)
         return material_fields[material]
 
-    meshes = MeshReader(document, material_fields_of)
+    meshes = MeshReader(document, material_fields_of, is_posed)
     parts, shown = _read_nodes(document, meshes)
     if not any(len(part.faces) for part in parts):
         raise no_triangles(", ".join(f"{plural(n, 'primitive', 'primitives')} of {kind}" for kind, n in meshes.beside.items()))
@@ -115,7 +116,8 @@ def _scene_of_nodes(document):
     return scene
 
 
-def _check_required(document):
+def check_required(document: Document) -> None:
+    """Raise SupportError TXF-I31 if the file requires an extension that is not supported."""
     required = document.root.get("extensionsRequired", [])
     if not isinstance(required, list):
         raise malformed("'extensionsRequired' is not an array")

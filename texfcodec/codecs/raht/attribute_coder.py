@@ -40,6 +40,7 @@ WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
 MAX_SLICES = 64
 # Encoder's choice: slices start at the first level with so many nodes. With 1 << 10 streams take 1 % more.
 SLICE_NODES = 1 << 16
+FEW_SYMBOLS, MOST_SYMBOL_BYTES = 4096, 256  # symbols in a buffer that cannot overflow, and bytes for each of them in it
 FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level starts with less
 
 
@@ -201,16 +202,20 @@ class _SliceEncoder:
         self._write(symbols, lambda out: walk(True, Coder(self.state, out, 0), self.model))
 
     def _write(self, symbols, write):
-        """Calls write(out) with a buffer that fits the usual bytes of `symbols` symbols. If it overflows, they are coded again
-        from the same state into a larger buffer."""
-        state, model, room = self.state.copy(), copy_model(self.model), FIRST_ROOM + symbols
+        """Calls write(out) with a buffer that fits the usual bytes of `symbols` symbols, of few any. If it overflows, they are
+        coded again from the same state into a larger buffer."""
+        is_safe = symbols <= FEW_SYMBOLS
+        room, begin = FIRST_ROOM + symbols * (MOST_SYMBOL_BYTES if is_safe else 1), None
+        if not is_safe:
+            begin = self.state.copy(), copy_model(self.model)
         while True:
             out = np.empty(room + int(self.state[PENDING]), np.uint8)
             self.state[POS] = 0
             write(out)
             if not self.state[FULL]:
                 break
-            self.state, self.model, room = state.copy(), copy_model(model), 4 * room
+            assert begin is not None, "a symbol took more than MOST_SYMBOL_BYTES"
+            self.state, self.model, room = begin[0].copy(), copy_model(begin[1]), 4 * room
         self.chunks.append(out[: int(self.state[POS])].tobytes())
         self.written += len(self.chunks[-1])
 

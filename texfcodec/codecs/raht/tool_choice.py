@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +43,7 @@ USUAL_BASE_QP = 28  # within 1 % of the best of them on four assets at K 512, lo
 PIECES = 4
 LEAST_VOXELS = 64  # below, nothing is tried
 PIECE_VOXELS = {"fast": 1 << 11, "balanced": 1 << 13, "best": 1 << 16}  # per piece; 1 << 12 is 0.4 % worse, 3 % faster
+LEAST_PIECE, PIECE_SHARE = 1 << 11, 8  # voxels per piece of a small field, and the part of it that a piece is
 
 
 def tools_of(effort: str, planar: bool) -> Tools:
@@ -49,16 +51,38 @@ def tools_of(effort: str, planar: bool) -> Tools:
     return replace(EFFORTS[effort], **PLANAR_TOOLS) if planar else EFFORTS[effort]
 
 
-def _pieces(count, voxels):
-    """Slices of `voxels` consecutive voxels in Morton order, spread evenly; the whole field if it is small."""
+class _Piece(NamedTuple):
+    """Voxels that stand for a field. at: slice of the field's; octree: over them alone, from the smallest cell that holds all."""
+
+    at: slice
+    octree: Octree
+
+    @property
+    def depth(self):
+        """Levels of the octree."""
+        return len(self.octree.levels) - 1
+
+
+def _pieces(keys, depth, effort, planar):
+    """Return _Pieces of consecutive voxels in Morton order, spread evenly; the whole field if it is small."""
+    count, voxels = len(keys), PIECE_VOXELS[effort]
+    if effort != "best":
+        voxels = min(voxels, max(LEAST_PIECE, count // PIECE_SHARE))
     if count <= PIECES * voxels:
-        return [slice(0, count)]
-    return [slice(begin, begin + voxels) for begin in np.linspace(0, count - voxels, PIECES).astype(int)]
+        return [_Piece(slice(0, count), Octree(keys, depth, planar))]
+    return [_piece(keys, slice(begin, begin + voxels), planar) for begin in np.linspace(0, count - voxels, PIECES).astype(int)]
 
 
-def _lagrangian_cost(keys, depth, values, qp, tools, octree=None):
-    """Bits plus squared error in steps, weighted as in the quantiser."""
-    coded, means = enc_attributes(keys, depth, values, qp, tools, octree=octree)
+def _piece(keys, at, planar):
+    """Return the _Piece of a slice. Levels above its cell would hold a node each."""
+    own = keys[at]
+    depth = -(-(int(own[0]) ^ int(own[-1])).bit_length() // 3)
+    return _Piece(at, Octree(own & (1 << 3 * depth) - 1, depth, planar))
+
+
+def _lagrangian_cost(values, qp, tools, piece):
+    """Bits plus squared error in steps, weighted as in the quantiser. values: of the piece."""
+    coded, means = enc_attributes(piece.octree.keys, piece.depth, values, qp, tools, octree=piece.octree)
     error = (means.astype(np.float64) - values) / [step_of(v) for v in qp]
     return 8 * sum(len(c) for c in coded.codewords) + (error**2).sum() / tools.trade_off
 
@@ -87,22 +111,37 @@ def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[
         changes.append(DCT_BLOCKS)
     if len(candidates) == 1 and not changes:
         return replace(candidates[0], filters=tools.filters)
-    pieces = [(keys[p], values[p], Octree(keys[p], depth, tools.planar)) for p in _pieces(len(keys), PIECE_VOXELS[effort])]
+    pieces = _pieces(keys, depth, effort, tools.planar)
+    if is_rough:
+        pieces = pieces[len(pieces) // 2 :][:1]
 
-    def costs_of(candidates):
-        jobs = [(candidate, piece) for candidate in candidates for piece in pieces]
-        cost = lambda tools, piece: _lagrangian_cost(piece[0], depth, piece[1], qp, tools, piece[2])
-        costs = list(in_order(lambda job: cost(*job), jobs, threads))
-        return np.reshape(costs, (len(candidates), len(pieces))).sum(axis=1).tolist()
+    @cache
+    def cost_of(tools):
+        return sum(in_order(lambda piece: _lagrangian_cost(values[piece.at], qp, tools, piece), pieces, threads))
 
-    costs = costs_of(candidates)
-    best, least = candidates[int(np.argmin(costs))], min(costs)
+    is_flat = cost_of(candidates[-1]) < cost_of(candidates[0])
+    best = min(candidates, key=cost_of) if is_flat else _descend(candidates, cost_of)
+    least = cost_of(best)
     for change in changes:
         changed = replace(best, **change)
-        cost = costs_of([changed])[0]
+        cost = cost_of(changed)
         if cost < least:
             best, least = changed, cost
     return replace(best, filters=tools.filters)
+
+
+def _descend(candidates, cost_of, first=0):
+    """Return the candidate of least cost, going from the first one to either side as long as cost falls."""
+    best, least = first, cost_of(candidates[first])
+    for step in (1, -1):
+        while 0 <= best + step < len(candidates):
+            cost = cost_of(candidates[best + step])
+            if cost >= least:
+                break
+            best, least = best + step, cost
+        if best != first:
+            break
+    return candidates[best]
 
 
 def choose_base(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callable[[int], list[int]], plan: ResidualPlan,
@@ -113,20 +152,25 @@ def choose_base(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callabl
     if effort == "fast" or len(keys) < LEAST_VOXELS:
         return qp_of(USUAL_BASE_QP), 0
     tools = tools_of(effort, planar)
-    pieces = [(keys[p], values[p], replace(plan, original=plan.original[p]), Octree(keys[p], depth, tools.planar))
-              for p in _pieces(len(keys), PIECE_VOXELS[effort])]
+    pieces = _pieces(keys, depth, effort, tools.planar)
 
-    def size(job):
-        (qp, dct_blocks), (k, v, p, octree) = job
-        coded = enc_attributes(k, depth, v, qp_of(qp), replace(tools, dct_blocks=dct_blocks), plan=p, octree=octree)[0]
-        return sum(len(codeword) for codeword in coded.codewords)
+    @cache
+    def size(candidate):
+        qp, dct_blocks = candidate
+        own = replace(tools, dct_blocks=dct_blocks)
 
-    candidates = [(qp, 0) for qp in BASE_QPS]
+        def of_piece(piece):
+            there = replace(plan, original=plan.original[piece.at])
+            octree = piece.octree
+            coded = enc_attributes(octree.keys, piece.depth, values[piece.at], qp_of(qp), own, plan=there, octree=octree)[0]
+            return sum(map(len, coded.codewords))
+
+        return sum(in_order(of_piece, pieces, threads))
+
+    chosen = [_descend([(qp, 0) for qp in BASE_QPS], size, BASE_QPS.index(USUAL_BASE_QP))]
     if _may_have_dct_blocks(keys, values, effort, planar):
-        candidates += [(qp, 1) for qp in DCT_BASE_QPS]
-    jobs = [(candidate, piece) for candidate in candidates for piece in pieces]
-    sizes = np.reshape(list(in_order(size, jobs, threads)), (len(candidates), len(pieces))).sum(axis=1)
-    qp, dct_blocks = candidates[int(np.argmin(sizes))]
+        chosen.append(_descend([(qp, 1) for qp in DCT_BASE_QPS], size, len(DCT_BASE_QPS) // 2))
+    qp, dct_blocks = min(chosen, key=size)
     return qp_of(qp), dct_blocks
 
 
@@ -155,7 +199,7 @@ def _code_bounded(plane, support, colour, options):
     field = support.keys, support.depth, values
     qp, dct_blocks = choose_base(*field, lambda qp: _qp_of(qp, plane.shape[1], support, options), plan, options.effort,
                                  options.threads, support.planar)
-    tools = choose_tools(*field, qp, options.effort, options.threads, support.planar, dct_blocks)
+    tools = choose_tools(*field, qp, options.effort, options.threads, support.planar, dct_blocks, options.is_rough)
     return enc_attributes(*field, qp, tools, options.threads, plan, octree_of(support))
 
 

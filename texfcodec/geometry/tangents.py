@@ -10,6 +10,7 @@ import numpy as np
 from ..core.distinct import distinct
 
 FLAT = 1e-30  # what is shorter, in world units or products of UVs, has no direction
+MIX = np.int64(0x1E3779B97F4A7C15)  # an odd factor that spreads bits
 
 
 def corner_tangents(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, corner_normal: np.ndarray) -> np.ndarray:
@@ -66,10 +67,19 @@ def _angles(corners, normal):
 
 def _groups(*columns):
     """Group number int64 [N] of each row: rows of one group are equal in all columns."""
-    group = np.zeros(len(columns[0]), np.int64)
-    for column in np.column_stack(columns).T:
-        bits = (column + 0.0).view(np.int64)  # one pattern for each value, 0 and -0 alike
-        group = distinct(group * (len(group) + 1) + distinct(bits)[1])[1]
+    bits = [(column + 0.0).view(np.int64) for column in np.column_stack(columns).T]  # one pattern for each value, 0 and -0 alike
+    mixed = np.zeros(len(bits[0]), np.int64)
+    for column in bits:
+        mixed = (mixed ^ column) * MIX
+        mixed ^= mixed >> 29
+    group = distinct(mixed)[1]
+    row = np.zeros(len(group), np.int64)
+    row[group] = np.arange(len(group))
+    if all((column[row[group]] == column).all() for column in bits):
+        return group
+    group[:] = 0  # two rows that differ are mixed alike
+    for column in bits:
+        group = distinct(group * (len(group) + 1) + distinct(column)[1])[1]
     return group
 
 

@@ -9,12 +9,14 @@ error is reported.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ...core.kernel import kernel
 from ...field.texel_set import referenced_texels, shown_area
 from ...geometry.areas import face_areas
 from ...geometry.tangents import corner_tangents
@@ -68,10 +70,9 @@ class _Mapped:
     def between(self, faces: np.ndarray | slice = slice(None), bary: np.ndarray = CORNERS) -> np.ndarray:
         """Return the matrices that turn the source's tangent frame into the decoder's at points of some faces, float64 [N, P, 3,
         3]; the unit matrix if either frame is flat. bary: float64 [P, 3], the same for all faces."""
-        source, decoder = (_frames_at(axes[faces], bary) for axes in (self.source, self.decoder))
-        out = np.broadcast_to(np.eye(3), source.shape).copy()
-        good = (np.abs(np.linalg.det(decoder)) > OFF) & (np.abs(np.linalg.det(source)) > OFF)
-        out[good] = np.linalg.solve(decoder[good], source[good])
+        source, decoder = (np.ascontiguousarray(axes[faces]) for axes in (self.source, self.decoder))
+        out = np.empty((len(source), len(bary), 3, 3))
+        _turns(source, decoder, np.ascontiguousarray(bary, np.float64), out)
         return out
 
     @cached_property
@@ -191,14 +192,61 @@ def _mapped(frames, plan):
     return _Mapped(plan, faces, group.uv[chosen], area, source, decoder) if area.any() else None
 
 
-def _frames_at(axes, bary):
-    """Return frames at points, float64 [N, P, 3, 3], as a shader interpolates them from the corners', [N, 3, 3, 3]: directions
-    and hands are interpolated, and normalised."""
-    axes = axes.astype(np.float64)
-    along, out = (np.einsum("pc,nck->npk", bary, axes[..., column]) for column in (0, 2))
-    hand = np.einsum("pc,nc->np", bary, np.sign(np.linalg.det(axes)))
-    along, out = (each / np.maximum(np.linalg.norm(each, axis=2, keepdims=True), 1e-12) for each in (along, out))
-    return _axes(np.concatenate([along, hand[..., None]], axis=2), out)
+@kernel
+def _det(m):
+    """Return the determinant of a matrix [3, 3]."""
+    return (m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]) - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+            + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]))
+
+
+@kernel
+def _frame_at(axes, bary, hands, frame):
+    """Fill frame [3, 3] with that of a point, as a shader interpolates it from the corners', [3, 3, 3]: directions and hands are
+    interpolated, and normalised. hands: [3], signs of the corners' determinants."""
+    hand = 0.0
+    for k in (0, 2):
+        square = 0.0
+        for i in range(3):
+            value = 0.0
+            for c in range(3):
+                value += bary[c] * axes[c, i, k]
+            frame[i, k] = value
+            square += value * value
+        length = max(math.sqrt(square), 1e-12)
+        for i in range(3):
+            frame[i, k] /= length
+    for c in range(3):
+        hand += bary[c] * hands[c]
+    side = -1.0 if hand < 0 else 1.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        frame[i, 1] = side * (frame[j, 2] * frame[k, 0] - frame[k, 2] * frame[j, 0])
+
+
+@kernel(allocates=True)
+def _turns(source, decoder, bary, out):
+    """Fill out float64 [N, P, 3, 3] with the matrices that turn frames of the source into those of a decoder, both float32 [N, 3,
+    3, 3], at points float64 [P, 3] of each face; the unit matrix if either frame is flat."""
+    hands, a, b = np.empty((2, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for n in range(source.shape[0]):
+        for c in range(3):
+            hands[0, c], hands[1, c] = np.sign(_det(source[n, c])), np.sign(_det(decoder[n, c]))
+        for p in range(bary.shape[0]):
+            _frame_at(source[n], bary[p], hands[0], a)
+            _frame_at(decoder[n], bary[p], hands[1], b)
+            whole = _det(b)
+            if abs(whole) <= OFF or abs(_det(a)) <= OFF:
+                for i in range(3):
+                    for j in range(3):
+                        out[n, p, i, j] = 1.0 if i == j else 0.0
+                continue
+            for i in range(3):  # rows of the inverse of b are cross products of its columns
+                j, k = (i + 1) % 3, (i + 2) % 3
+                x = (b[1, j] * b[2, k] - b[2, j] * b[1, k]) / whole
+                y = (b[2, j] * b[0, k] - b[0, j] * b[2, k]) / whole
+                z = (b[0, j] * b[1, k] - b[1, j] * b[0, k]) / whole
+                for column in range(3):
+                    out[n, p, i, column] = x * a[0, column] + y * a[1, column] + z * a[2, column]
 
 
 def _axes(tangent, normal):

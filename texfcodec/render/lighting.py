@@ -56,12 +56,15 @@ class Lighting:
         Sky and lights.
     mipmaps : bool
         Whether a Scene's maps are sampled at mip levels (render/textures.py).
+    table : ShadingTable, optional
+        That of the asset's materials, to use again for another asset with the same.
     """
 
-    def __init__(self, asset: Scene | Texf, environment: Environment = DAYLIGHT, mipmaps: bool = False) -> None:
+    def __init__(self, asset: Scene | Texf, environment: Environment = DAYLIGHT, mipmaps: bool = False,
+                 table: ShadingTable | None = None) -> None:
         self.environment = environment
         self.maps: SceneMaps | FieldMaps = SceneMaps(asset, mipmaps) if isinstance(asset, Scene) else FieldMaps(asset)
-        self.table = ShadingTable(asset.materials)
+        self.table = table or ShadingTable(asset.materials)
         self.positions, self.faces = np.ascontiguousarray(asset.positions), np.ascontiguousarray(asset.faces)
         self.face_material = asset.face_material
         self._lit = np.array(["lit" in effects for effects in self.table.effects], bool)

@@ -8,7 +8,7 @@ coordinates are computed afterwards, once per visible pixel, from the face befor
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,6 +45,10 @@ class Fragments:
     depth: np.ndarray
     width: int
     height: int
+
+    def rows(self, chosen: np.ndarray) -> Fragments:
+        """Return some of the fragments. chosen: numbers of entries, int64 [n]."""
+        return replace(self, pixel=self.pixel[chosen], face=self.face[chosen], bary=self.bary[chosen], depth=self.depth[chosen])
 
 
 def rasterise(camera: Camera, positions: np.ndarray, faces: np.ndarray, cull: bool = True, two_sided: np.ndarray | None = None,

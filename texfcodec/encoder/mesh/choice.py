@@ -169,12 +169,14 @@ class MeshChoice:
         usual, error, best = self.usual.cube.position_bits, self.picture_error(self.usual).error, self.usual
         if self.price.cost(LEAST_A_BIT * _count_used(self.usual), error / MOST_A_BIT) >= self.price.cost(0, error):
             return self.usual
-        least = self.price.cost(_geometry_bytes(best), error)
+        least, seen = self.price.cost(_geometry_bytes(best), error), usual
         for bits in range(usual + 1, FINEST_POSITIONS + 1):
-            surface = self._on_lattice(bits)
+            surface, hoped = self._on_lattice(bits), error / MOST_A_BIT ** (bits - seen)
             size = _geometry_bytes(surface)
-            if self.price.cost(size, error / MOST_A_BIT ** (bits - usual)) < least:
-                cost = self.price.cost(size, self.picture_error(surface).error)
+            if self.price.cost(size, hoped) < least:
+                own = self.picture_error(surface).error
+                error, seen = min((error, seen), (own, bits), key=lambda known: known[0] * MOST_A_BIT ** known[1])
+                cost = self.price.cost(size, own)
                 best, least = (surface, cost) if cost < least else (best, least)
         if best is not self.usual:
             self.evidence |= {"reason": "the usual position bits change the picture", "position_bits": best.cube.position_bits}

@@ -20,7 +20,10 @@ from ...geometry.canonical import MAX_BITS, fit_cube
 from ...geometry.shading_normals import corner_normals
 from ...render.camera import bounding_sphere, fibonacci_direction, orthographic
 from ...render.lighting import Lighting
+from ...render.lit_scene import SceneMaps
+from ...render.material_effects import ShadingTable
 from ...render.shade import render_lights
+from ...scene.channels import NORMAL_MAPS
 from ...scene.fetch import pack_source
 from ...scene.normal_rule import BOTH, FLAT, JOINED, MOST_ANGLE, NormalRule
 from .small_parts import small_parts
@@ -28,10 +31,13 @@ from .small_parts import small_parts
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...render.camera import Camera
+    from ...render.raster import Fragments
+    from ...render.shade import Picture
     from ...scene.scene import Scene
     from ..faces import SentSurface, SourceFaces, SourceSurface
 
 VIEWS, SIZE = 16, 256
+EVERY = 4  # pixels of which one is compared, where a moved surface shows the same face
 LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that covers it
 OUTLINE = 0.04  # weight of pixels at the outline whose neighbours hide that: a viewer sees the line, not against what it moves
 PART_VIEWS, PART_SIZE = 4, 192  # pictures of small parts alone
@@ -68,13 +74,50 @@ class PictureError:
         return max(part.lost for part in (self, *self.of_parts))
 
 
+class _Seen(NamedTuple):
+    """Pictures from one camera. covered: bool [H, W]; fragments: all of them, None if a material lets light through; pictures:
+    one for each light; weight: float64 [n], pixels that each of theirs stands for, None for itself alone."""
+
+    covered: np.ndarray
+    fragments: Fragments | None
+    pictures: list[Picture]
+    weight: np.ndarray | None
+
+
+class _Look:
+    """The choice of pixels that are coloured. first: what was seen of the same faces elsewhere; None if all pixels are."""
+
+    def __init__(self, first: _Seen | None) -> None:
+        self.first = None if first is None else first.fragments
+        self.fragments: Fragments | None = None
+        self.weight: np.ndarray | None = None
+
+    def __call__(self, fragments: Fragments) -> np.ndarray:
+        """Return the numbers of the fragments to colour: where another face is seen than first, and EVERY other one."""
+        self.fragments = fragments
+        if self.first is None:
+            return np.arange(len(fragments.pixel))
+        _, before, rows = np.intersect1d(self.first.pixel, fragments.pixel, assume_unique=True, return_indices=True)
+        changed = self.first.face[before] != fragments.face[rows]
+        some = changed | (np.arange(len(rows)) % EVERY == 0)
+        self.weight = np.where(changed, 1.0, EVERY)[some]
+        return rows[some]
+
+    def seen(self, pictures: list[Picture]) -> _Seen:
+        """Return the _Seen of pictures that were drawn with this choice."""
+        drawn = pictures[0]
+        covered = np.zeros((drawn.height, drawn.width), bool)
+        covered.ravel()[drawn.pixel if self.fragments is None else self.fragments.pixel] = True
+        return _Seen(covered, self.fragments, pictures, self.weight)
+
+
 class _Shot(NamedTuple):
-    """Cameras that see all of a scene or a small part of it. faces: bool [F] of the source's, None for all; seen: pictures of the
-    source."""
+    """Cameras that see all of a scene or a small part of it. faces: bool [F] of the source's, None for all; seen: _Seen of the
+    source, by camera."""
 
     cameras: list[Camera]
     faces: np.ndarray | None
-    seen: list
+    seen: list[_Seen]
 
 
 class PictureComparison:
@@ -86,7 +129,9 @@ class PictureComparison:
         self.shown, self.threads = shown, threads
         self.scene = replace(scene, materials=[replace(m, double_sided=False) for m in scene.materials])
         self.lit = not all(material.unlit for material in scene.materials)
-        self._source = pack_source(self.scene)
+        if self.lit:
+            self.scene = _with_tangents(self.scene)
+        self._source, self._table = pack_source(self.scene), ShadingTable(self.scene.materials)
         self._shots = [self._shot(None, VIEWS, SIZE)]
         parts = [_of_source(usual, part, len(scene.faces)) for part in small_parts(usual)]
         self._shots += [self._shot(part, PART_VIEWS, PART_SIZE) for part in parts]
@@ -97,18 +142,19 @@ class PictureComparison:
         cameras = [orthographic(fibonacci_direction(i, views), *sphere, size) for i in range(views)]
         return _Shot(cameras, faces, self._pictures(self.scene, cameras, faces))
 
-    def _pictures(self, scene, cameras, shown, source=None):
-        """Return pictures in flat colours and, if there is light, in light, of shown faces, bool [F], or all. source: of the base
-        colour, if it is not the source's."""
-        lights, source = [None, *([Lighting(scene)] if self.lit else [])], source or self._source
+    def _pictures(self, scene, cameras, shown, source=None, seen=None):
+        """Return the _Seen of shown faces, bool [F], or all, by camera: in flat colours and, if there is light, in light. source:
+        of the base colour, if it is not the source's; seen: of the source, if the faces are the same in other places."""
+        lights, source = [None, *([Lighting(scene, table=self._table)] if self.lit else [])], source or self._source
         if shown is not None:
             scene = replace(scene, faces=np.where(shown[:, None], scene.faces, 0))
 
-        def pictures(camera):
-            return render_lights(scene, camera, lights, source=source)
+        def look(number):
+            choice = _Look(None if seen is None else seen[number])
+            return choice.seen(render_lights(scene, cameras[number], lights, source=source, chosen=choice))
 
-        first = pictures(cameras[0])  # makes what all share, tangents for one, which two threads would make twice
-        return list(zip(first, *in_order(pictures, cameras[1:], self.threads), strict=True))
+        first = look(0)  # makes what all share, tangents for one, which two threads would make twice
+        return [first, *in_order(look, range(1, len(cameras)), self.threads)]
 
     def of(self, drawn: SourceSurface, normals: np.ndarray) -> PictureError:
         """Return the PictureError of the source on another surface. drawn: faces of the source in their new places; normals: at
@@ -118,7 +164,7 @@ class PictureComparison:
         faces[drawn.origin_face] = drawn.faces
         scene = replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces)
         wanted = None if self.scene.corner_normal is None or not self.lit else self.normals[drawn.origin_face]
-        return self._moved(lambda shot: self._pictures(scene, shot.cameras, shot.faces), drawn, normals, wanted)
+        return self._moved(lambda shot: self._pictures(scene, shot.cameras, shot.faces, seen=shot.seen), drawn, normals, wanted)
 
     def of_mesh(self, scene: Scene, surface: SentSurface, normals: np.ndarray, wanted: np.ndarray | None,
                 faces: SourceFaces) -> PictureError:
@@ -164,6 +210,14 @@ class PictureComparison:
         return corner_normals(lattice, self.scene.faces, [rule]).astype(np.float64)
 
 
+def _with_tangents(scene):
+    """Return a scene that has the tangents of its normal maps, so that they are not derived again on each moved surface."""
+    names = NORMAL_MAPS & {name for material in scene.materials for name in material.maps}
+    if len({id(scene.map_uv.get(name, scene.corner_uv)) for name in names}) != 1:
+        return scene
+    return replace(scene, corner_tangent=SceneMaps(scene).corner_tangent(min(names)))
+
+
 def _of_source(surface, part, count):
     """Return the source's faces that a part of a Surface comes from, bool [count]. part: bool [F]."""
     shown = np.zeros(count, bool)
@@ -171,10 +225,10 @@ def _of_source(surface, part, count):
     return shown
 
 
-def _compared(seen, pictures):
-    """Return the PictureError of pairs of pictures, without normals."""
-    silhouette, lost, shown = np.sum([_uncovered(a, b) for a, b in zip(seen[0], pictures[0], strict=True)], axis=0)
-    mse = max(_mse(*pair) for pair in zip(seen, pictures, strict=True))
+def _compared(seen, others):
+    """Return the PictureError of two lists of _Seen, without normals. seen: of the source."""
+    silhouette, lost, shown = np.sum([_uncovered(a.covered, b.covered) for a, b in zip(seen, others, strict=True)], axis=0)
+    mse = max(_mse(seen, others, light) for light in range(len(seen[0].pictures)))
     return PictureError(mse, silhouette / max(shown, 1), lost / max(shown, 1))
 
 
@@ -186,14 +240,11 @@ def _turned(surface, normals, wanted):
     return float((angle**2).mean(axis=1) @ area / (area.sum() or 1.0))
 
 
-def _uncovered(picture, other):
-    """Return numbers of pixels: those that one of two Pictures covers and the other does not, those of them that are alone, and
-    those of the first."""
-    a, b = (np.zeros((drawn.height, drawn.width), bool) for drawn in (picture, other))
-    for covered, drawn in ((a, picture), (b, other)):
-        covered.ravel()[drawn.pixel] = True
+def _uncovered(a, b):
+    """Return numbers of pixels, of two pictures' covered ones, bool [H, W]: those that one covers and the other does not, those
+    of them that are alone, and those of the first."""
     near_a, near_b = (_grown(covered) for covered in (a, b))
-    return np.array([(a ^ b).sum(), (a & ~near_b).sum() + (b & ~near_a).sum(), len(picture.pixel)])
+    return np.array([(a ^ b).sum(), (a & ~near_b).sum() + (b & ~near_a).sum(), a.sum()])
 
 
 def _grown(covered):
@@ -203,10 +254,12 @@ def _grown(covered):
     return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
 
 
-def _mse(pictures, others):
+def _mse(seen, others, light):
+    """Return the mean squared error of Y over pixels that both show, in one of the lights."""
     error = ColourError()
-    for a, b in zip(pictures, others, strict=True):
+    for first, other in zip(seen, others, strict=True):
+        a, b = first.pictures[light], other.pictures[light]
         both, of_a, of_b = np.intersect1d(a.pixel, b.pixel, assume_unique=True, return_indices=True)
         if len(both):
-            error.add(a.colour[of_a], b.colour[of_b])
+            error.add(a.colour[of_a], b.colour[of_b], None if other.weight is None else other.weight[of_b])
     return error.mse()["y"] if error.samples else 0.0

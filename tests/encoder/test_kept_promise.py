@@ -81,7 +81,7 @@ def test_a_probe_is_right_where_detail_stands_on_little_of_the_surface():
     plan, patch = _plan(group, group.size), SampleRegion(scene, surface, group.faces, 1)
     uv = plan.corner_uv().reshape(-1, 2)
     keys = covered_texels(plan, uv, np.arange(len(uv)).reshape(-1, 3), None, None)
-    made = probe_texels(patch, plan, keys, TEXEL_CELL, rd.planes)
+    made = probe_texels(patch, plan, keys, TEXEL_CELL).coded(rd.planes)
     support = TexelSupport(keys=keys, width=plan.size[0], height=plan.size[1], wrap=group.wrap, fraction_bits=0)
     _, decoded = rd.planes.code(patch.values(plan.values(surface, support.xy(), 1)), support)
     texel = np.einsum("nc,ncd->nd", patch.bary, group.uv[patch.face])

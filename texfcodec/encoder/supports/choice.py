@@ -322,8 +322,9 @@ class _Choice:
             if min(plan.size) < LEAST_SIDE or (width | height) & 1:
                 break
             half = _plan(plan.group, (width // 2, height // 2))
-            tried = self.trials.texels(region, half, self._keys(half), TEXEL_CELL - halved)  # in the same places
-            if self._extra_bytes(tried, probe, region, HALF_COST) >= 0:
+            most = HALF_COST * self._cost(probe, region)
+            tried = self.trials.texels(region, half, self._keys(half), TEXEL_CELL - halved, most)  # in the same places
+            if tried is None or self._extra_bytes(tried, probe, region, HALF_COST) >= 0:
                 break
             plan, probe = half, tried
         return plan, probe

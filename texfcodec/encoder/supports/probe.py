@@ -191,16 +191,53 @@ class _Points(NamedTuple):
     query: Callable[[np.ndarray], np.ndarray]
 
 
-def _probed(region, values, plane, support, coder, points):
-    """Return the TrialCoding of a plane float32 [N, C] that stands for so many values, coded at the coder's QP and, for its
-    slopes, APART from it. points: _Points."""
-    (bits, decoded), (fewer, coarser) = (_coded(plane, support, region, coder.shifted(steps)) for steps in (0, APART))
-    at, chosen, shares = points.query(decoded), points.chosen, points.stands_for
-    mse, more, uncoded = (region.mse(chosen, got, shares) for got in (at, points.query(coarser), points.query(plane)))
-    saved = math.log2(max(bits, LEAST_BITS) / max(fewer, LEAST_BITS)) / APART
-    added = math.log2(max(more - uncoded, LEAST_ERROR) / max(mse - uncoded, LEAST_ERROR)) / APART
-    slopes = max(saved, 0.0), min(max(added, 0.0), MOST_ADDED)
-    return TrialCoding(values, bits, mse, uncoded=min(uncoded, mse), alpha=region.alpha_mse(chosen, at, shares), slopes=slopes)
+@dataclass(frozen=True)
+class _ProbedPart:
+    """The sampled values of a channel before coding. region: its SampleRegion; plane: float32 [N, C], the values of the support's
+    cells; uncoded: squared error at the points; saved: what a surface fit is likely to take from that."""
+
+    region: SampleRegion
+    plane: np.ndarray
+    uncoded: float
+    saved: float = 0.0
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Cells of a support with values from the source, to be coded on trial at any QP. values: number on the whole surface; parts:
+    further channels first, base colour last; none if no cell holds a value."""
+
+    values: int
+    support: TexelSupport | VoxelSupport
+    points: _Points
+    parts: tuple[_ProbedPart, ...] = ()
+
+    @property
+    def least_error(self) -> float:
+        """Squared error of all channels before coding, which no QP falls below."""
+        return sum(part.uncoded - part.saved for part in self.parts)
+
+    def coded(self, coder: Coder) -> TrialCoding:
+        """Return the TrialCoding at the coder's QP."""
+        trial, maps = TrialCoding(self.values, 24.0, UNSEEN), {}
+        for part in self.parts:
+            trial = self._coded_part(part, coder)
+            if part.region.name is not None:
+                maps[part.region.name] = trial
+        return replace(trial, maps=maps)
+
+    def _coded_part(self, part, coder):
+        """Return the TrialCoding of a channel at the coder's QP and, for its slopes, APART from it."""
+        region, points = part.region, self.points
+        (bits, decoded), (fewer, coarser) = (_coded(part.plane, self.support, region, coder.shifted(steps))
+                                             for steps in (0, APART))
+        at, chosen, shares = points.query(decoded), points.chosen, points.stands_for
+        mse, more = (region.mse(chosen, got, shares) for got in (at, points.query(coarser)))
+        saved = math.log2(max(bits, LEAST_BITS) / max(fewer, LEAST_BITS)) / APART
+        added = math.log2(max(more - part.uncoded, LEAST_ERROR) / max(mse - part.uncoded, LEAST_ERROR)) / APART
+        slopes = max(saved, 0.0), min(max(added, 0.0), MOST_ADDED)
+        return TrialCoding(self.values, bits, mse - part.saved, uncoded=min(part.uncoded, mse) - part.saved,
+                           alpha=region.alpha_mse(chosen, at, shares), slopes=slopes)
 
 
 def _coded(plane, support, region, quality):
@@ -272,29 +309,34 @@ def _well_inside(place, cell, cells):
     return inner if len(inner) > LEAST_POINTS else np.flatnonzero(there)
 
 
-def probe_texels(region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int, coder: Coder) -> TrialCoding:
-    """Code texels of a TexelPlan in sampled cells (squares) and return the TrialCoding that estimates all of them. keys: int64
-    [N], Morton keys of the texels that the plan covers; cell: log2 of a square's side in texels; coder: codec and QP."""
+def probe_texels(region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int, is_rough: bool = False) -> Probe:
+    """Return the Probe of the texels of a TexelPlan in sampled cells (squares). keys: int64 [N], Morton keys of the texels that
+    the plan covers; cell: log2 of a square's side in texels; is_rough: of base colour alone, by means instead of a fit."""
     texel = np.einsum("nc,ncd->nd", region.bary, plan.group.uv[region.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
     sample = _sampled_cells(region, place.astype(np.int64), cell, TEXEL_CELLS, keys)
     cells, inside = sample.keys, _within(keys, sample.keys, cell)
     support = TexelSupport(keys=inside, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
-    chosen, maps = _well_inside(place, cell, cells), {}
+    chosen = _well_inside(place, cell, cells)
     shares = sample.of_points(_cell_keys(np.floor(place[chosen]).astype(np.int64), cell))
     points = _Points(chosen, shares, lambda plane: support.query(texel[chosen], plane, region.threads))
-    for part in (*region.maps.values(), region):
-        trial = _probed(part, len(keys), _texels_of(plan, part, support), support, coder, points)
-        if part.name is not None:
-            maps[part.name] = trial
-    return replace(trial, maps=maps)
+    if is_rough:
+        return Probe(len(keys), support, points, (_part(region, region.values(plan.rough_values(support.xy())), points),))
+    parts = tuple(_part(part, _texels_of(plan, part, support), points) for part in (*region.maps.values(), region))
+    return Probe(len(keys), support, points, parts)
+
+
+def _part(region, plane, points, left=1.0):
+    """Return the _ProbedPart of a plane. left: share of the error that a fit leaves."""
+    uncoded = region.mse(points.chosen, points.query(plane), points.stands_for)
+    return _ProbedPart(region, plane, uncoded, (1 - left) * uncoded)
 
 
 def _texels_of(plan, region, support):
     """Return values of the texels of a support, float32 [N, C]."""
     if region.name is not None:
         return _texels_of_map(plan, region, support)
-    return region.values(plan.values(region.surface, support.xy(), region.threads))
+    return region.values(plan.near_values(region.surface, support.xy(), region.threads))
 
 
 def _texels_of_map(plan, region, support):
@@ -320,10 +362,9 @@ def _wrapped(place, size, mode):
     return size - np.abs(place % (2 * size) - size)
 
 
-def probe_voxels(region: SampleRegion, resolution: int, cell: int, coder: Coder, price: Lagrangian) -> TrialCoding:
-    """Code the voxels of sampled cells (cubes) and return the TrialCoding that estimates all voxels of a region. resolution: K;
-    cell: log2 of a cube's side in voxels; coder: codec and QP; price: gives the area threshold, the density of the transfer, and
-    whether a surface fit may follow."""
+def probe_voxels(region: SampleRegion, resolution: int, cell: int, price: Lagrangian) -> Probe:
+    """Return the Probe of the voxels of sampled cells (cubes) of a region. resolution: K; cell: log2 of a cube's side in voxels;
+    price: gives the area threshold, the density of the transfer, and whether a surface fit may follow."""
     surface, bits = region.surface, region.surface.cube.position_bits
     grid = region.points * (resolution / (1 << bits))
     sample = _sampled_cells(region, grid.astype(np.int64), cell, VOXEL_CELLS)
@@ -332,24 +373,22 @@ def probe_voxels(region: SampleRegion, resolution: int, cell: int, coder: Coder,
     faces = surface.faces[region.faces[near]]
     keys, _ = voxelise(surface.lattice, faces, bits, resolution, price.area_threshold, region.threads)
     keys = _within(keys, cells, cell)
-    values = region.voxels(resolution)
+    support, values = VoxelSupport(resolution, keys), region.voxels(resolution)
     if not len(keys):
-        return TrialCoding(values, 24.0, UNSEEN, maps={name: TrialCoding(values, 8.0, UNSEEN) for name in region.maps})
-    support, brick_map = VoxelSupport(resolution, keys), build_brick_map(keys)
-    chosen, maps, density = _well_inside(grid, cell, cells), {}, transfer_density(region.texels_per_edge(resolution), price)
+        return Probe(values, support, _Points(np.zeros(0, np.int64), np.zeros(0), lambda plane: plane))
+    chosen, density = _well_inside(grid, cell, cells), transfer_density(region.texels_per_edge(resolution), price)
     shares = sample.of_points(_cell_keys(np.floor(grid[chosen]).astype(np.int64), cell))
+    brick_map = build_brick_map(keys)
     points = _Points(chosen, shares, lambda plane: query_field(grid[chosen], resolution, keys, brick_map, plane,
                                                                region.threads)[0])
-    for part in (*region.maps.values(), region):
+
+    def probed(part):
         packed = part.packed(region.faces[near])
         rgba = np.column_stack(transfer(surface.lattice, faces, packed, bits, resolution, keys, brick_map, density,
                                         region.threads))
-        trial = _probed(part, values, part.values(rgba), support, coder, points)
-        saved = (1 - LEFT_BY_FIT) * trial.uncoded if price.is_fitted and part is region else 0.0
-        trial = replace(trial, mse=trial.mse - saved, uncoded=trial.uncoded - saved)
-        if part is not region:
-            maps[part.name] = trial
-    return replace(trial, maps=maps)
+        return _part(part, part.values(rgba), points, LEFT_BY_FIT if price.is_fitted and part is region else 1.0)
+
+    return Probe(values, support, points, tuple(probed(part) for part in (*region.maps.values(), region)))
 
 
 @kernel(allocates=True)

@@ -14,7 +14,8 @@ from ...field.texels import TexelSupport
 from ...geometry.areas import face_areas
 from ...geometry.draco import MAX_UV_BITS
 from ...scene.channels import BY_NAME
-from ...scene.fetch import UV_OF_SOURCE, sample_source, values_of_map
+from ...scene.fetch import UV_OF_SOURCE, sample_source, values_of_map, wrapped
+from ...scene.scene import WRAP_CLAMP
 from ..faces import Faces, LatticeFaces, SentFaces
 from ..values.shown_maps import frame_rotation, rotate_xy
 from ..values.source_field import SourceField, colour_planes
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 MOST_FRACTION_BITS = 8
 FULL_BITS = 2  # of UVs where only the weights of texels are at stake
+WINDOW, MARGIN = 5, 4  # log2 of the side of a window in texels, and texels around it that are fitted with it
 EVERY = 4  # of a region's points, 16,384 of them
 NEGLIGIBLE = 0.02  # squared error from which on each bit is taken to leave a quarter
 
@@ -63,6 +65,35 @@ class TexelPlan(Generic[Faces]):
             shown = self._shown(surface, group.size)
             group.smaller[self.size] = group.resampled(group.image, shown, self.size, group.wrap, threads)
         return group.smaller[self.size][xy[:, 1], xy[:, 0]]
+
+    def near_values(self, surface: Surface, xy: np.ndarray, threads: int) -> np.ndarray:
+        """Return the same as values(), for few texels: a smaller image is fitted in windows around them alone, where all texels
+        count alike."""
+        group, side = self.group, 1 << WINDOW
+        ratio = group.size[0] // self.size[0]
+        if ratio == 1 or (self.size[0] * ratio, self.size[1] * ratio) != group.size or self.size in group.smaller:
+            return self.values(surface, xy, threads)
+        cells, own = np.unique(xy >> WINDOW, axis=0, return_inverse=True)
+        out, reach = np.empty((len(xy), 4), np.float32), np.arange(-MARGIN * ratio, (side + MARGIN) * ratio)
+        weight, size = np.ones((len(reach), len(reach))), (side + 2 * MARGIN, side + 2 * MARGIN)
+        for number, cell in enumerate(cells):
+            columns, rows = (wrapped(cell[k] * side * ratio + reach, group.size[k], group.wrap[k]) for k in (0, 1))
+            fitted = group.resampled(group.image[rows[:, None], columns], weight, size, (WRAP_CLAMP, WRAP_CLAMP))
+            inside = np.flatnonzero(own.ravel() == number)
+            at = xy[inside] - cell * side + MARGIN
+            out[inside] = fitted[at[:, 1], at[:, 0]]
+        return out
+
+    def rough_values(self, xy: np.ndarray) -> np.ndarray:
+        """Return the same as values(), but means of the image's texels instead of their best fit."""
+        group = self.group
+        ratio = np.array(group.size) / self.size
+        steps = np.maximum(ratio.astype(int), 1)
+        total = np.zeros((len(xy), 4), np.float32)
+        for offset in np.ndindex(*steps):
+            at = np.floor((xy + (np.array(offset) + 0.5) / steps) * ratio).astype(np.int64)
+            total += group.values(group.image[at[:, 1], at[:, 0]])
+        return total / steps.prod()
 
     def values_of_map(self, name: str, surface: Surface, support: TexelSupport, threads: int) -> tuple[np.ndarray, int]:
         """Return (values of one of the group's maps at the field's texels, levels): float32 [n, C] for the texels of

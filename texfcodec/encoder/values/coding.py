@@ -182,4 +182,4 @@ def _unit(filled: Filled, stream: Stream, place: tuple[int, int], bounds: tuple[
         return Decision(code(coder.exactly()), {})
     weights, channel = filled.source.scene.weights, group.channels[0]
     coder, weight = coder.for_group(group, weights), weights.get(channel.name, channel.weight)
-    return choose_qp(code(coder), code, coder, filled.price.cost(0, weight, share), budget)
+    return choose_qp(code(coder), code, coder, filled.price.cost(0, weight, share), budget, support)

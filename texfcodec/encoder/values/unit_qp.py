@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,11 +16,15 @@ from .coder import LAST_QP
 
 if TYPE_CHECKING:
     from ...codecs.base import Codec, Source
+    from ...field.texels import TexelSupport
+    from ...field.voxels import VoxelSupport
     from .coder import Coder
     from .source_field import SourceField
 
 FEW_COLOURS, QUICK_LOOK = 256, 4096  # colours of a palette; values looked at before all are
 EXACT_BYTES = 200  # what exact values may always cost: squares of a few colours are to come back as they were
+SAMPLE, RUNS = 8, 4  # part of the values, in so many runs, from which the bytes of exact ones are estimated
+LEAST_SAMPLE, HOPELESS = 1 << 13, 2.5  # values in a sample; times what exact values may cost, from which on they are not tried
 BITS_PER_QP = 0.17  # log2 of attribute bytes that a step of QP takes away
 MOST_TRIES = 4  # codings with a coarser QP before the bytes of the source's image count as out of reach
 LEAST_SAVED = 200  # bytes that a unit may take over those of its image: what a unit of any QP takes is no quality
@@ -50,21 +54,34 @@ def _kinds(plane):
     return len(np.unique(packed))
 
 
-def choose_qp(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder, worth: float,
-          budget: float | None) -> Decision[CodedUnit]:
+def exact_bytes(plane: np.ndarray, support: VoxelSupport | TexelSupport, coder: Coder) -> float:
+    """Return an estimate of the bytes of values, float32 [N, C] on the keys of a support, coded exactly: that of a sample of
+    them; 0 if they are too few to have one."""
+    if len(plane) < SAMPLE * LEAST_SAMPLE:
+        return 0.0
+    run = len(plane) // (SAMPLE * RUNS)
+    rows = (np.linspace(0, len(plane) - run, RUNS).astype(int)[:, None] + np.arange(run)).ravel()
+    variables = {"NumComponents": plane.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
+    sample = replace(support, keys=support.keys[rows])
+    return len(plane) / len(rows) * coder.exactly().roughly().size(np.ascontiguousarray(plane[rows]), sample, variables)[0]
+
+
+def choose_qp(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder, worth: float, budget: float | None,
+              support: VoxelSupport | TexelSupport) -> Decision[CodedUnit]:
     """Return the Decision on a coded attribute unit: the first, which has the coder's QP, or the same values coded exactly or
     coarser.
 
     code: function that codes the same values with another coder; worth: bytes that a squared error of the unit's values is
-    worth; budget: bytes of the image files behind the unit, None if these set no quality. The first stays if nothing is gained.
-    The evidence says why the QP is not the requested one.
+    worth; budget: bytes of the image files behind the unit, None if these set no quality; support: of the values. The first stays
+    if nothing is gained. The evidence says why the QP is not the requested one.
     """
     if coder.qp is None or not first.bytes:
         return Decision(first, {})
     error = float(((first.decoded - np.rint(first.plane)) ** 2).mean())
     if error and has_few_colours(first.plane):
-        exact = code(coder.exactly())
-        if exact.bytes - first.bytes <= max(EXACT_BYTES, worth * error):
+        most = first.bytes + max(EXACT_BYTES, worth * error)
+        exact = first if exact_bytes(first.plane, support, coder) > HOPELESS * most else code(coder.exactly())
+        if exact is not first and exact.bytes <= most:
             return Decision(exact, {"exact": True, "bytes_at_qp": first.bytes})
     if budget is None or first.bytes <= budget + LEAST_SAVED:
         return Decision(first, {})

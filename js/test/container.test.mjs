@@ -1,7 +1,7 @@
 /** The part-level form of TEXF_stream in node: GLBs made here of a vector's stream, through expand() and through the plug-in. */
 
 import assert from 'node:assert/strict';
-import {readFileSync} from 'node:fs';
+import {readFileSync, readdirSync} from 'node:fs';
 import {test} from 'node:test';
 import {deflateSync, inflateSync} from 'node:zlib';
 
@@ -76,6 +76,18 @@ test('expand() gives an ordinary file: geometry in mesh space, stored attributes
   assert.deepEqual([png.readUInt32BE(16), png.readUInt32BE(20)], [width, height]);
   assert.equal(inflateSync(png.subarray(41, 41 + png.readUInt32BE(33))).length, height * (1 + 3 * width));
   assert.equal(root.accessors.length, new Set([...Object.values(attributes), indices]).size);
+});
+
+test('every faulty vector is refused with the finding that its case names, and every good one is expanded', async () => {
+  const folder = new URL('../../conformance/container/', import.meta.url), names = readdirSync(folder);
+  for (const name of names) {
+    const {code} = JSON.parse(readFileSync(new URL(`${name}/expected.json`, folder), 'utf8')), {buffer, byteOffset, length} = readFileSync(new URL(`${name}/in.glb`, folder));
+    const result = expand(buffer.slice(byteOffset, byteOffset + length));
+    if (code) await assert.rejects(result, (error) => error instanceof TexfError && assert.equal(error.details.finding, code, name) === undefined);
+    else if (name !== 'voxels') assert.equal(opened(await result).root.extensions?.TEXF_stream, undefined);
+    else await assert.rejects(result, {code: 'unsupported'});
+  }
+  assert.ok(names.length >= 49);
 });
 
 test('a file without coded primitives is returned as it is', async () => {

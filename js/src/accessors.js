@@ -7,7 +7,7 @@ import {TexfError} from './engine.js';
 
 export const NAME = 'TEXF_stream', MESHOPT = ['EXT_meshopt_compression', 'KHR_meshopt_compression'], ARRAY = 34962, INDICES = 34963; // targets of bufferViews
 /** @type {Map<any, any>} */
-const KINDS = new Map([[5120, Int8Array], [5121, Uint8Array], [5122, Int16Array], [5123, Uint16Array], [5125, Uint32Array], [5126, Float32Array]]);
+const KINDS = new Map(/** @type {[number, any][]} */ ([[5120, Int8Array], [5121, Uint8Array], [5122, Int16Array], [5123, Uint16Array], [5125, Uint32Array], [5126, Float32Array]]));
 /** @type {Map<any, number>} */
 const WIDTHS = new Map([['SCALAR', 1], ['VEC2', 2], ['VEC3', 3], ['VEC4', 4]]);
 const ROWS = [5121, 5123, 5125]; // componentTypes of sparse indices

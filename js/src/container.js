@@ -80,7 +80,7 @@ export function isEmpty(root, number) {
  * @returns {Promise<Unfolded>} rejected with a TexfError
  */
 export async function unfold(root, viewOf, decode) {
-  const {streams} = root.extensions[NAME];
+  const {streams} = /** @type {{streams: number[]}} */ (root.extensions[NAME]);
   checkTree(root);
   checkViews(root, streams);
   const assets = await Promise.all(streams.map(async (number) => decode(await viewOf(number))));

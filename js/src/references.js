@@ -73,7 +73,7 @@ export function checkTree(root) {
   let level = [root];
   for (let i = 0; i < MOST_LEVELS; i++) level = level.flatMap((value) => Object.values(value).filter((child) => child && typeof child === 'object'));
   if (level.length) throw invalid('objects and arrays are nested too deeply');
-  for (const _ of references(root)); // eslint-disable-line no-empty
+  Array.from(references(root));
 }
 
 /** Whether a file uses an extension whose references are not known here. @param {any} root */

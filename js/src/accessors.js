@@ -95,10 +95,17 @@ export async function inflated(packed, view, number) {
   return out;
 }
 
+/** What a transform makes of bytes; faults are those of the reader. @param {Uint8Array} bytes @param {{readable: ReadableStream, writable: WritableStream}} transform */
+export function through(bytes, {readable, writable}) {
+  const writer = writable.getWriter();
+  Promise.all([writer.write(bytes), writer.close()]).catch(() => {});
+  return readable;
+}
+
 /** Inflates zlib data, piece by piece: the number of bytes, more than `most` if they are more, null if the data are cut off or broken.
  * @param {Uint8Array} packed @param {number} most @param {(bytes: Uint8Array, at: number) => void} [take] */
 async function unzip(packed, most, take = () => {}) {
-  const reader = new Blob([/** @type {any} */ (packed)]).stream().pipeThrough(new DecompressionStream('deflate')).getReader();
+  const reader = through(packed, new DecompressionStream('deflate')).getReader();
   let at = 0;
   for (;;) {
     const piece = await reader.read().catch(() => null);

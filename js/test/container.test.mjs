@@ -1,7 +1,8 @@
 /** The part-level form of TEXF_stream in node: GLBs made here of a vector's stream, through expand() and through the plug-in. */
 
 import assert from 'node:assert/strict';
-import {readFileSync} from 'node:fs';
+import {spawnSync} from 'node:child_process';
+import {readFileSync, readdirSync} from 'node:fs';
 import {test} from 'node:test';
 import {deflateSync, inflateSync} from 'node:zlib';
 
@@ -76,6 +77,17 @@ test('expand() gives an ordinary file: geometry in mesh space, stored attributes
   assert.deepEqual([png.readUInt32BE(16), png.readUInt32BE(20)], [width, height]);
   assert.equal(inflateSync(png.subarray(41, 41 + png.readUInt32BE(33))).length, height * (1 + 3 * width));
   assert.equal(root.accessors.length, new Set([...Object.values(attributes), indices]).size);
+});
+
+test('every faulty vector is refused with the finding that its case names, and every good one is expanded', async () => {
+  const folder = new URL('../../conformance/container/', import.meta.url), names = readdirSync(folder).filter((name) => name !== 'voxels'); // which takes an atlas
+  for (const name of names) {
+    const {code} = JSON.parse(readFileSync(new URL(`${name}/expected.json`, folder), 'utf8')), {buffer, byteOffset, length} = readFileSync(new URL(`${name}/in.glb`, folder));
+    const result = expand(buffer.slice(byteOffset, byteOffset + length));
+    if (code) await assert.rejects(result, (error) => error instanceof TexfError && assert.equal(error.details.finding, code, name) === undefined);
+    else assert.equal(opened(await result).root.extensions?.TEXF_stream, undefined);
+  }
+  assert.ok(names.length >= 48);
 });
 
 test('a file without coded primitives is returned as it is', async () => {
@@ -178,5 +190,42 @@ for (const [what, code, change, bytes] of [
     await assert.rejects(loader.parseAsync(file, ''), (error) => error instanceof TexfError && error.code === code);
   });
 }
+
+const primitiveOf = (root) => root.meshes[0].primitives[0];
+for (const [what, finding, change] of [
+  ['a stream within another', 'TXF-I09', (root) => {
+    root.bufferViews.push({buffer: 0, byteOffset: 4, byteLength: 60});
+    root.extensions.TEXF_stream.streams.push(4);
+  }],
+  ['an extension that is no object', 'TXF-I09', (root) => { primitiveOf(root).extensions.TEXF_stream = 'VEC2'; }],
+  ['streams that are null', 'TXF-I09', (root) => { root.extensions.TEXF_stream.streams = null; }],
+  ['a mesh that is no object', 'TXF-I09', (root) => { root.meshes.push('c'); }],
+  ['an accessor that is a number', 'TXF-I09', (root) => { root.accessors[0] = 0.8; }],
+  ['a bufferView that is null', 'TXF-I09', (root) => { root.bufferViews.push(null); }],
+  ['materials that are no array', 'TXF-I09', (root) => { root.materials = 2 ** 32; }],
+  ['skins that are no array', 'TXF-I09', (root) => { root.skins = {}; }],
+  ['names of extensions that are no array', 'TXF-I09', (root) => { root.extensionsUsed = {}; }],
+  ['targets that are a text', 'TXF-I09', (root) => { primitiveOf(root).targets = 'VEC2'; }],
+  ['targets that are a number', 'TXF-I09', (root) => { primitiveOf(root).targets = 1; }],
+  ['an image whose bufferView is not there', 'TXF-I09', (root) => { root.images = [{bufferView: 99}]; }],
+  ['a type that every object has', 'TXF-I09', (root) => { root.accessors[2].type = 'constructor'; }],
+  ['splits that are signed', 'TXF-I09', (root) => { root.accessors[5].componentType = 5122; }],
+  ['a matrix beyond binary32', 'TXF-I09', (root) => { said(root).matrix = MATRIX.with(12, 1e39); }],
+  ['sparse indices that are signed', 'TXF-I09', (root) => { root.accessors[3].sparse = {count: 1, indices: {bufferView: 3, componentType: 5120}, values: {bufferView: 3}}; }],
+  ['a stride that is a text', 'TXF-I11', (root) => { root.bufferViews[2].byteStride = '16'; }],
+  ['a buffer that is shorter than it says', 'TXF-I10', (root) => { root.buffers[0].byteLength += 8; }],
+  ['a data URI that is none', 'TXF-I10', (root) => { root.buffers[0].uri = 'data:'; }],
+  ['a tree of 200 levels', 'TXF-I09', (root) => { root.extras = Array.from({length: 200}).reduce((inner) => [inner], []); }],
+  ['deflated views of 2 GB', 'TXF-I41', (root) => { root.bufferViews[1].byteLength = root.bufferViews[2].byteLength = 2 ** 30; }],
+]) {
+  test(`${what}: expand() says ${finding}`, () => assert.rejects(expand(coded(change)), (error) => error instanceof TexfError && error.details.finding === finding));
+}
+
+test('a fuzzer finds nothing, and says its outcomes', () => {
+  const run = spawnSync(process.execPath, [new URL('fuzz_container.mjs', import.meta.url).pathname, '--executions', '300'], {encoding: 'utf8'});
+  const {executions, outcomes, findings} = JSON.parse(run.stdout);
+  assert.deepEqual([run.status, executions, findings], [0, 300, []]);
+  assert.ok(outcomes.value > 30 && outcomes['TXF-I09'] > 30 && Object.keys(outcomes).length > 5);
+});
 
 test.after(() => dispose());

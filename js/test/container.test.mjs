@@ -104,7 +104,27 @@ test('a field over voxels is shown by its shader, also of a clone, at places of 
   material.clone().onBeforeCompile(shader);
   assert.match(shader.vertexShader, /vTexfPlace = _texf_place \* texfScale/);
   assert.ok(shader.uniforms.texfTable0.value.isTexture);
-  await assert.rejects(expand(file), {name: 'TexfError', code: 'unsupported', message: /texf-dec/});
+});
+
+test('a field over voxels becomes an atlas, in which no two faces overlap', async () => {
+  const alone = (root) => {
+    root.meshes[0].primitives[0].attributes = {POSITION: 0};
+    delete root.meshes[0].primitives[0].extensions.TEXF_stream.splits;
+  };
+  const {root, bytes, rows} = opened(await expand(coded(alone, read('subset/k33')))), [{attributes, indices}] = root.meshes[0].primitives;
+  const side = Buffer.from(bytes(root.images[root.textures[0].source].bufferView)).readUInt32BE(16), uv = rows(attributes.TEXCOORD_0), owner = new Map();
+  const faces = rows(indices).flat().map((v) => uv[v].map((value) => value * side));
+  assert.ok(!('_TEXF_PLACE' in attributes) && root.samplers[root.textures[0].sampler].wrapS === 33071);
+  for (let f = 0; f < faces.length; f += 3) {
+    const [a, b, c] = faces.slice(f, f + 3), area = (p, q, r) => (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]), low = [0, 1].map((k) => Math.floor(Math.min(a[k], b[k], c[k])));
+    for (let y = low[1]; y < Math.max(a[1], b[1], c[1]); y++) for (let x = low[0]; x < Math.max(a[0], b[0], c[0]); x++) {
+      const place = [x + 0.5, y + 0.5], parts = [area(place, a, b), area(place, b, c), area(place, c, a)];
+      if (!parts.every((part) => part > 1e-3)) continue; // v grows downwards, and the matrix mirrors
+      assert.ok(!owner.has(x + y * side), `faces ${owner.get(x + y * side)} and ${f / 3}`);
+      owner.set(x + y * side, f / 3);
+    }
+  }
+  assert.ok(owner.size > 100);
 });
 
 const said = (root) => root.meshes[0].primitives[0].extensions.TEXF_stream;

@@ -5,8 +5,8 @@
 The command is called as  <command> IN.glb OUT.glb  and writes an ordinary GLB with PNG images, or ends with an exit code other
 than 0. Without a command our own expand() runs in this process. expected.json of a good case has, for every primitive of
 triangles, values at the corners of its faces in order, so that vertices may be merged in any way: positions, normals, stored
-attributes and morph targets, and what each texture slot shows at the centres of the faces, bilinearly, whatever the atlas. Exits 0 or 7. Needs
-numpy and Pillow.
+attributes and morph targets, and what each texture slot shows at the centres of the faces, bilinearly, whatever the atlas.
+Exits 0 or 7. Needs numpy and Pillow.
 """
 
 import argparse

@@ -74,14 +74,15 @@ export function isEmpty(root, number) {
 
 /**
  * Decodes the streams of a file and changes its tree: coded primitives get accessors, their materials textures. A primitive whose units
- * lie in several fields becomes one for each.
+ * lie in several fields becomes one for each, but one for all fields of an atlas.
  *
  * @param {any} root @param {ViewOf} viewOf @param {(stream: Uint8Array) => Promise<Asset>} decode
- * @param {(error: unknown) => void} [onRefused] called for a stream that is refused and whose primitives all have a fallback, which they
- *   then become; without it the promise is rejected
+ * @param {{onRefused?: (error: unknown) => void, Atlas?: typeof import('./atlas.js').Atlas|null}} [options] onRefused: called for a stream that is
+ *   refused and whose primitives all have a fallback, which they then become; without it the promise is rejected. Atlas: makes fields over
+ *   voxels pictures; without it they are in `voxels`
  * @returns {Promise<Unfolded>} rejected with a TexfError
  */
-export async function unfold(root, viewOf, decode, onRefused) {
+export async function unfold(root, viewOf, decode, {onRefused, Atlas = null} = {}) {
   const {streams} = /** @type {{streams: number[]}} */ (root.extensions[NAME]);
   checkTree(root);
   checkViews(root, streams);
@@ -91,7 +92,7 @@ export async function unfold(root, viewOf, decode, onRefused) {
     onRefused(error);
     return null;
   })));
-  const unfolding = new Unfolding(root, assets, viewOf);
+  const unfolding = new Unfolding(root, assets, viewOf, Atlas);
   for (const mesh of root.meshes ?? []) {
     const plain = [];
     for (const primitive of mesh.primitives ?? []) plain.push(...(primitive.extensions?.[NAME] ? await unfolding.primitive(primitive) : [primitive]));
@@ -101,14 +102,15 @@ export async function unfold(root, viewOf, decode, onRefused) {
 }
 
 class Unfolding {
-  /** @param {any} root @param {(Asset|null)[]} assets null for streams that were refused @param {ViewOf} viewOf */
-  constructor(root, assets, viewOf) {
+  /** @param {any} root @param {(Asset|null)[]} assets null for streams that were refused @param {ViewOf} viewOf @param {typeof import('./atlas.js').Atlas|null} Atlas */
+  constructor(root, assets, viewOf, Atlas) {
     this.root = root;
     this.assets = assets;
     this.viewOf = viewOf;
     this.added = new Added(root);
     this.materials = structuredClone(root.materials ?? []);
     this.surfaces = assets.map((asset) => /** @type {Surface} */ (asset && new Surface(asset)));
+    this.Atlas = Atlas;
     /** @type {Map<number, Picture>} */
     this.pictures = new Map();
     /** @type {Map<number, VoxelLook>} */
@@ -126,14 +128,16 @@ class Unfolding {
     if (this.assets[primitive.extensions[NAME]?.stream] === null) return [this.fallback(primitive)];
     const coded = await this.read(primitive), {units} = this.assetOf(coded), stored = await this.stored(primitive);
     const corners = this.surfaces[coded.stream].cornersOf(coded, stored.count);
-    return [...new Set(coded.units.map((unit) => units[unit].field))].map((field) => {
+    const fields = [...new Set(coded.units.map((unit) => units[unit].field))], atlas = this.atlasOf(coded.stream);
+    const voxels = atlas ? fields.filter((field) => !atlas.asset.fields[field].planar) : [];
+    return fields.filter((field) => !voxels.includes(field) || field === voxels[0]).map((field) => {
       const look = this.look(coded, field), plain = structuredClone(primitive);
       plain.attributes = {};
       without(plain, NAME);
       if (look.number !== undefined) plain.material = look.number;
       const needsNormals = look.hasNormals || (primitive.targets ?? []).some((/** @type {any} */ target) => 'NORMAL' in target);
       const hasTangents = look.hasNormals && !look.isVoxels && 'TANGENT' in primitive.attributes; // viewers draw a source without them
-      const {values, index, vertex} = this.surfaces[coded.stream].patch(coded, field, corners, {needsNormals, hasTangents});
+      const {values, index, vertex} = this.surfaces[coded.stream].patch(coded, voxels.includes(field) ? voxels : [field], corners, {needsNormals, hasTangents, isMapped: look.isMapped});
       if (look.isVoxels) plain.attributes[PLACE] = this.added.addAccessor(values.place, 'VEC3', {}, ARRAY);
       this.write(plain, values, look, coded.texCoord);
       for (const {owner, name, entry, array} of stored.arrays) this.repeat(owner === null ? plain.attributes : plain.targets[owner], name, entry, array, vertex, owner !== null);
@@ -150,13 +154,20 @@ class Unfolding {
 
   /** A coded primitive whose own attributes are shown, and the images of its textures. @param {any} primitive */
   fallback(primitive) {
-    const {material = -1} = primitive, entry = this.root.materials?.[material] ?? {};
-    for (const [place, slot] of SLOTS) {
-      const info = (place === '' ? entry : place === PBR ? entry[place] : entry.extensions?.[place])?.[slot];
-      if (info) without(entryOf(this.root, 'textures', info.index), NAME);
-    }
+    for (const {owner, slot} of this.slotsOf(this.root.materials?.[primitive.material] ?? {})) without(entryOf(this.root, 'textures', owner[slot].index), NAME);
     without(primitive, NAME);
     return primitive;
+  }
+
+  /** The atlas of the faces of a stream over voxels that have a texture of it, null without. @param {number} stream */
+  atlasOf(stream) {
+    const surface = this.surfaces[stream], {units, fields} = surface.asset;
+    if (!this.Atlas || surface.atlas) return surface.atlas;
+    const coded = (this.root.meshes ?? []).flatMap((/** @type {any} */ mesh) => mesh.primitives ?? []).filter((/** @type {any} */ {extensions}) => extensions?.[NAME]?.stream === stream);
+    const mapped = coded.filter((/** @type {any} */ {material}) => material !== undefined && this.slotsOf(this.materials[material] ?? {}).length > 0).flatMap((/** @type {any} */ {extensions}) => extensions[NAME].units);
+    const numbers = [...units.keys()].filter((unit) => !fields[units[unit].field].planar && mapped.includes(unit));
+    if (numbers.length) surface.atlas = new this.Atlas(surface.asset, numbers);
+    return surface.atlas;
   }
 
   /** What the extension says of a primitive, checked. @param {any} primitive @returns {Promise<Coded>} */
@@ -237,22 +248,27 @@ class Unfolding {
     return number;
   }
 
+  /** Texture slots of a material that show a stream. @param {any} entry */
+  slotsOf(entry) {
+    return SLOTS.map(([place, slot, channels, picture]) => ({owner: place === '' ? entry : place === PBR ? entry[place] : entry.extensions?.[place], slot, channels, picture}))
+      .filter(({owner, slot}) => owner?.[slot] && isEmpty(this.root, owner[slot].index));
+  }
+
   /** The material of a coded primitive on a field: that of the file, or a copy if another field has changed it. @param {Coded} coded @param {number} field @returns {Look} */
   look({primitive, stream, units, matrix}, field) {
-    const asset = this.assetOf({stream}), {planar, planes} = asset.fields[field], {material: number} = primitive;
+    const asset = this.assetOf({stream}), {planar, planes} = asset.fields[field], isVoxels = !planar && !this.Atlas, {material: number} = primitive;
     if (number === undefined) return {isMapped: false, hasNormals: false, isVoxels: false};
     const entry = structuredClone(this.materials[number] ?? entryOf(this.root, 'materials', number));
     const material = asset.materials[asset.units[/** @type {number} */ (units.find((unit) => asset.units[unit].field === field))].material];
     const has = (/** @type {string} */ name) => COLOURS.includes(name) || material.channels.some((channel) => channel.replace('_object', '') === name);
-    const slots = SLOTS.map(([place, slot, channels, picture]) => ({owner: place === '' ? entry : place === PBR ? entry[place] : entry.extensions?.[place], slot, channels, picture}))
-      .filter(({owner, slot}) => owner?.[slot] && isEmpty(this.root, owner[slot].index));
+    const slots = this.slotsOf(entry);
     const shown = slots.map((slot) => ({...slot, names: slot.channels.filter(has).map((name) => (!planar && name.endsWith('normal') ? `${name}_object` : name)).filter((name) => name in planes)}));
     const names = shown.flatMap((slot) => slot.names), hasNormals = names.some((name) => name.includes('normal'));
-    const key = slots.length ? `${number} ${stream} ${field} ${planar ? '' : hasNormals ? matrix : inverseTranspose(matrix).determinant}` : `${number}`;
+    const key = slots.length ? `${number} ${stream} ${planar || isVoxels ? field : 'atlas'} ${!isVoxels ? '' : hasNormals ? matrix : inverseTranspose(matrix).determinant}` : `${number}`;
     const known = this.looks.get(key);
     if (known) return known;
     const isFirst = ![...this.looks.values()].some((look) => look.number === number);
-    const look = {number: isFirst ? number : this.added.add('materials', entry), isMapped: names.length > 0, hasNormals, isVoxels: names.length > 0 && !planar};
+    const look = {number: isFirst ? number : this.added.add('materials', entry), isMapped: names.length > 0, hasNormals, isVoxels: names.length > 0 && isVoxels};
     if (isFirst) this.root.materials[number] = entry;
     if (look.isVoxels) this.voxels.set(look.number, {asset, field, material, channels: names, matrix});
     else for (const {owner, slot, picture, names: held} of shown) this.refer(owner, slot, held.length ? this.texture(stream, field, picture) : null, primitive.extensions[NAME].texCoord);
@@ -274,10 +290,11 @@ class Unfolding {
 
   /** The texture of a picture of a field over texels. @param {number} stream @param {number} field @param {string[]} channels */
   texture(stream, field, channels) {
-    const key = `${stream} ${field} ${channels}`, before = this.textures.get(key);
+    const asset = this.assetOf({stream}), atlas = asset.fields[field].planar ? null : this.atlasOf(stream), key = `${stream} ${atlas ? 'atlas' : field} ${channels}`;
+    const before = this.textures.get(key);
     if (before !== undefined) return before;
-    const asset = this.assetOf({stream}), picture = pictureOf(asset.fields[field], channels), squares = /** @type {any} */ (asset.metadata)?.nearest_fields;
-    const [magFilter, minFilter] = Array.isArray(squares) && squares.includes(field) ? NEAREST : LINEAR, [wrapS, wrapT] = asset.fields[field].wrap.map((wrap) => REPEAT[wrap]);
+    const picture = atlas ? atlas.picture(channels) : pictureOf(asset.fields[field], channels), squares = /** @type {any} */ (asset.metadata)?.nearest_fields;
+    const [magFilter, minFilter] = Array.isArray(squares) && squares.includes(field) ? NEAREST : LINEAR, [wrapS, wrapT] = asset.fields[field].wrap.map((wrap) => REPEAT[atlas ? 'clamp' : wrap]);
     const sampler = {magFilter, minFilter, wrapS, wrapT}, text = JSON.stringify(sampler);
     const same = (this.root.samplers ?? []).findIndex((/** @type {any} */ known) => JSON.stringify(known) === text);
     const number = picture && this.added.add('textures', {sampler: same < 0 ? this.added.add('samplers', sampler) : same});

@@ -1,6 +1,7 @@
 /** expand(): a GLB with coded primitives -> an ordinary GLB, for hosts that have no plug-in. */
 
 import {Added, entryOf, inflated, invalid, isIndex, MESHOPT, NAME, placeOf, wellFormed, within, without} from './accessors.js';
+import {Atlas} from './atlas.js';
 import {isContainer, unfold} from './container.js';
 import {decode, TexfError} from './index.js';
 import {pngOf} from './png.js';
@@ -13,8 +14,7 @@ const MAGIC = 0x46546C67, JSON_CHUNK = 0x4E4F534A, BINARY_CHUNK = 0x004E4942, AL
  *
  * @param {ArrayBuffer} file stays as it is
  * @param {{decoder?: {decode: typeof decode}|null, limits?: import('./index.js').Limits, signal?: AbortSignal}} [options]
- * @returns {Promise<ArrayBuffer>} the file itself if it has no coded primitives; rejected with a TexfError, whose code is 'unsupported'
- *   if a field over voxels needs an atlas, which texf-dec makes
+ * @returns {Promise<ArrayBuffer>} the file itself if it has no coded primitives; rejected with a TexfError
  */
 export function expand(file, {decoder = null, limits = {}, signal} = {}) {
   return wellFormed(() => expanded(file, (stream) => (decoder ?? {decode}).decode(stream, {limits, signal})));
@@ -26,8 +26,7 @@ async function expanded(file, decoded) {
   if (!isContainer(root)) return file;
   checkTree(root);
   const source = new Source(root, binary), before = held(references(root)), keepsAll = hasUnknown(root);
-  const {views, pictures, voxels} = await unfold(root, (number) => source.view(number), decoded);
-  if (voxels.size > 0) throw new TexfError('unsupported', 'an image of this file is a field over voxels, of which texf-dec makes an atlas');
+  const {views, pictures} = await unfold(root, (number) => source.view(number), decoded, {Atlas});
   const added = new Added(root);
   for (const [texture, picture] of pictures) {
     const image = {mimeType: 'image/png', bufferView: added.addView(await pngOf(picture))};

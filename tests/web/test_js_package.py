@@ -36,9 +36,8 @@ def test_vectors_in_node(case):
 
 
 @needs_node
-@pytest.mark.parametrize("name", sorted({path.parent.name for path in scenes.HOME.glob("*/expected.json")} - {"voxels"}))
+@pytest.mark.parametrize("name", sorted({path.parent.name for path in scenes.HOME.glob("*/expected.json")}))
 def test_vectors_of_scenes_in_node(name):
-    """All but a field over voxels, which takes an atlas."""
     expand = scenes.by_command(f"{NODE} {REPOSITORY}/js/test/expand_file.mjs")
     assert scenes.faults_of(expand, scenes.HOME / name) == []
 

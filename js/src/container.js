@@ -30,7 +30,7 @@ import {inverseTranspose, Surface} from './surface.js';
  */
 
 export const PLACE = '_TEXF_PLACE'; // attribute: places in the stream's space, for fields over voxels
-const UNSIGNED = [5121, 5123, 5125]; // componentTypes
+const UNSIGNED = [5121, 5123, 5125], LABELS = ['name', 'extras', 'extensions']; // componentTypes; properties of stored accessors that are kept
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 const REPEAT = {repeat: 10497, clamp: 33071, mirror: 33648}, LINEAR = [9729, 9987], NEAREST = [9728, 9728];
 const PBR = 'pbrMetallicRoughness', COLOURS = ['base_colour', 'alpha'];
@@ -218,11 +218,12 @@ class Unfolding {
 
   /** Adds an attribute with the values of stored vertices. @param {any} attributes @param {string} name @param {any} entry @param {Values} array
    * @param {Uint32Array} vertex stored vertex of each vertex @param {boolean} isTarget */
-  repeat(attributes, name, {type, normalized, min, sparse, bufferView}, array, vertex, isTarget) {
+  repeat(attributes, name, entry, array, vertex, isTarget) {
     if (Object.hasOwn(attributes, name) && !isTarget) return;
-    const width = {SCALAR: 1, VEC2: 2, VEC3: 3}[/** @type {string} */ (type)] ?? 4, values = new /** @type {any} */ (array.constructor)(vertex.length * width);
+    const {type, min, sparse, bufferView} = entry, width = {SCALAR: 1, VEC2: 2, VEC3: 3}[/** @type {string} */ (type)] ?? 4, values = new /** @type {any} */ (array.constructor)(vertex.length * width);
     vertex.forEach((from, i) => values.set(array.subarray(from * width, (from + 1) * width), i * width));
-    const properties = normalized ? {normalized} : {};
+    const properties = Object.fromEntries(LABELS.filter((key) => key in entry).map((key) => [key, entry[key]]));
+    if (entry.normalized) properties.normalized = true;
     if (isTarget && min) {
       const columns = Array.from({length: width}, (_, c) => values.filter((/** @type {number} */ _v, /** @type {number} */ i) => i % width === c));
       const extreme = (/** @type {(a: number, b: number) => number} */ pick) => columns.map((column) => column.reduce(pick));

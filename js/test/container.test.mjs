@@ -90,6 +90,18 @@ test('every faulty vector is refused with the finding that its case names, and e
   assert.ok(names.length >= 49);
 });
 
+test('accessors of repeated attributes and targets keep their names, extras and extensions', async () => {
+  const labels = (name) => ({name, extras: {of: name}, extensions: {EXT_other: {}}}), {root} = opened(await expand(coded((tree) => {
+    Object.assign(tree.accessors[2], labels('joints'));
+    tree.accessors.push({componentType: 5126, count: count + 1, type: 'VEC3', ...labels('target')});
+    tree.meshes[0].primitives[0].targets = [{POSITION: 6}];
+  }))), [{attributes, targets}] = root.meshes[0].primitives;
+  for (const [number, name] of [[attributes.JOINTS_0, 'joints'], [targets[0].POSITION, 'target']]) {
+    const {extras, extensions} = root.accessors[number];
+    assert.deepEqual({name: root.accessors[number].name, extras, extensions}, labels(name));
+  }
+});
+
 test('a file without coded primitives is returned as it is', async () => {
   const file = coded((root) => delete root.extensions);
   assert.equal(await expand(file), file);

@@ -5,8 +5,8 @@
 The command is called as  <command> IN.glb OUT.glb  and writes an ordinary GLB with PNG images, or ends with an exit code other
 than 0. Without a command our own expand() runs in this process. expected.json of a good case has, for every primitive of
 triangles, values at the corners of its faces in order, so that vertices may be merged in any way: positions, normals, stored
-attributes and morph targets, and the texels that each texture slot shows at the centres of the faces. Exits 0 or 7. Needs
-numpy and Pillow.
+attributes and morph targets, and what each texture slot shows at the centres of the faces, bilinearly, whatever the atlas.
+Exits 0 or 7. Needs numpy and Pillow.
 """
 
 import argparse
@@ -27,6 +27,7 @@ DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 TOLERANCES = {"POSITION": 1e-5, "NORMAL": 2e-3}  # others are exact
 COLOUR_TOLERANCE = 3.0  # of 255: pictures may be padded or placed in another way
+CLAMP = 33071
 REFUSALS = (2, 3, 5, 6)  # exit codes
 
 
@@ -75,7 +76,7 @@ def primitives_of(data):
 
 
 def _corners(glb, primitive):
-    """Return values at the corners of a primitive's faces, and the texels of its slots at the centres of its faces."""
+    """Return values at the corners of a primitive's faces, and what its slots show at the centres of its faces."""
     index = glb.accessor(primitive["indices"])[:, 0]
     arrays = {name: glb.accessor(number)[index] for name, number in primitive["attributes"].items()}
     for n, target in enumerate(primitive.get("targets", ())):
@@ -83,9 +84,22 @@ def _corners(glb, primitive):
     for name, info in _slots(glb.root["materials"][primitive["material"]]) if "material" in primitive else ():
         pixels = glb.pixels(info["index"])
         centre = arrays[f"TEXCOORD_{info.get('texCoord', 0)}"].reshape(-1, 3, 2).astype(np.float64).mean(axis=1)
-        column, row = (np.floor(centre * pixels.shape[1::-1]).astype(np.int64) % pixels.shape[1::-1]).T
-        arrays[name] = pixels[row, column]
+        sampler = glb.root.get("samplers", [{}])[glb.root["textures"][info["index"]].get("sampler", 0)]
+        arrays[name] = _bilinear(pixels.astype(np.float64), centre, [sampler.get(wrap) for wrap in ("wrapS", "wrapT")])
     return arrays
+
+
+def _bilinear(pixels, uv, wraps):
+    """Return an image's values at UVs, float64 [N, 4]. wraps: of glTF, of each axis; what is not CLAMP_TO_EDGE repeats."""
+    size = np.array(pixels.shape[1::-1])
+    low = np.floor(uv * size - 0.5)
+    share, out = uv * size - 0.5 - low, 0.0
+    for right, down in np.ndindex(2, 2):
+        column, row = ((low[:, k] + step).clip(0, size[k] - 1) if wraps[k] == CLAMP else (low[:, k] + step) % size[k]
+                       for k, step in enumerate((right, down)))
+        weight = abs(1 - right - share[:, 0]) * abs(1 - down - share[:, 1])
+        out = out + weight[:, None] * pixels[row.astype(np.int64), column.astype(np.int64)]
+    return out
 
 
 def _slots(entry):

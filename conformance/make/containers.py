@@ -339,6 +339,12 @@ def good():
     ]
 
 
+def _stream_within(root):
+    view = stream_view(root)
+    root["extensions"][NAME]["streams"].append(len(root["bufferViews"]))
+    root["bufferViews"].append(view | {"byteOffset": view["byteOffset"] + 1, "byteLength": view["byteLength"] - 2})
+
+
 def faulty():
     """Rows (name, title, code, data)."""
     two, skin, doubled = (coded(SOURCES[name]()) for name in ("one_stream", "deflated", "splits"))
@@ -352,6 +358,7 @@ def faulty():
          lambda r: stream_view(r).update(byteLength=stream_view(r)["byteLength"] - 1)),
         ("stream_overlap", "a view that is two streams", invalid, two,
          lambda r: r["extensions"][NAME].update(streams=r["extensions"][NAME]["streams"] * 9)),
+        ("stream_within", "a stream within another", invalid, two, _stream_within),
         ("streams_no_array", "streams that are no array", invalid, two, lambda r: r["extensions"][NAME].update(streams=0)),
         ("unit_missing", "a unit that is not there", invalid, two, lambda r: extension(r).update(units=[0, 2])),
         ("unit_twice", "a unit twice in a primitive", invalid, two, lambda r: extension(r).update(units=[0, 0])),

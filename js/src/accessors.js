@@ -5,12 +5,13 @@ import {TexfError} from './engine.js';
 /** @typedef {(number: number) => Promise<Uint8Array>} ViewOf bytes of a bufferView, decompressed */
 /** @typedef {Int8Array|Uint8Array|Int16Array|Uint16Array|Uint32Array|Float32Array} Values */
 
-export const NAME = 'TEXF_stream', ARRAY = 34962, INDICES = 34963; // targets of bufferViews
-/** @type {Object<number, any>} */
-const KINDS = {5120: Int8Array, 5121: Uint8Array, 5122: Int16Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array};
-/** @type {Object<string, number>} */
-const WIDTHS = {SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4};
-const MOST_BYTES = 2 ** 30, MOST_IMPLICIT = 2 ** 24; // bytes of a view, and elements of an accessor without one
+export const NAME = 'TEXF_stream', MESHOPT = ['EXT_meshopt_compression', 'KHR_meshopt_compression'], ARRAY = 34962, INDICES = 34963; // targets of bufferViews
+/** @type {Map<any, any>} */
+const KINDS = new Map(/** @type {[number, any][]} */ ([[5120, Int8Array], [5121, Uint8Array], [5122, Int16Array], [5123, Uint16Array], [5125, Uint32Array], [5126, Float32Array]]));
+/** @type {Map<any, number>} */
+const WIDTHS = new Map([['SCALAR', 1], ['VEC2', 2], ['VEC3', 3], ['VEC4', 4]]);
+const ROWS = [5121, 5123, 5125]; // componentTypes of sparse indices
+const MOST_BYTES = 2 ** 30, MOST_IMPLICIT = 2 ** 24, MOST_RATIO = 1032; // bytes of all deflated views, elements of an accessor without a view, bytes of one in zlib data
 
 /** @param {string} message @param {string} finding */
 export const invalid = (message, finding = 'TXF-I09') => new TexfError('invalid', message, {finding});
@@ -18,12 +19,12 @@ export const invalid = (message, finding = 'TXF-I09') => new TexfError('invalid'
 /** @param {any} value @returns {value is number} */
 export const isIndex = (value) => Number.isSafeInteger(value) && value >= 0;
 
-/** What a function gives; a tree that is not as glTF has it is a TexfError. @template T @param {() => Promise<T>} work @returns {Promise<T>} */
+/** What a function gives; an error that no check has foreseen is a TexfError too. @template T @param {() => Promise<T>} work @returns {Promise<T>} */
 export async function wellFormed(work) {
   try {
     return await work();
   } catch (error) {
-    if (error instanceof TypeError) throw invalid(`the file is not as glTF has it: ${error.message}`);
+    if (error instanceof TypeError) throw new TexfError('internal', `an unexpected error: ${error.message}`);
     throw error;
   }
 }
@@ -37,21 +38,21 @@ export function entryOf(root, kind, number) {
 
 /** Values of an accessor, as they are stored, row after row. @param {any} root @param {any} number @param {ViewOf} viewOf @returns {Promise<Values>} */
 export async function readAccessor(root, number, viewOf) {
-  const {count, type, componentType, sparse, ...place} = entryOf(root, 'accessors', number), Kind = KINDS[componentType], width = WIDTHS[type];
+  const {count, type, componentType, sparse, ...place} = entryOf(root, 'accessors', number), Kind = KINDS.get(componentType), width = WIDTHS.get(type);
   if (!Kind || !width || !isIndex(count) || count < 1) throw invalid(`accessor ${number} has an unexpected type or count`);
   if (!('bufferView' in place) && count > MOST_IMPLICIT) throw new TexfError('limit', `accessor ${number} has too many elements`, {finding: 'TXF-I41', value: count, allowed: MOST_IMPLICIT});
   const rows = async (/** @type {any} */ from, /** @type {any} */ Type, /** @type {number} */ size, /** @type {number} */ many) => {
     const {byteStride: stride = size} = entryOf(root, 'bufferViews', from.bufferView), {byteOffset: offset = 0} = from;
     const bytes = await viewOf(from.bufferView);
-    if (!isIndex(offset) || !(stride >= size) || offset + stride * (many - 1) + size > bytes.length) throw invalid(`accessor ${number} exceeds its bufferView`, 'TXF-I11');
+    if (!isIndex(offset) || !isIndex(stride) || stride < size || offset + stride * (many - 1) + size > bytes.length) throw invalid(`accessor ${number} exceeds its bufferView`, 'TXF-I11');
     const out = new Uint8Array(many * size);
     for (let i = 0; i < many; i++) out.set(bytes.subarray(offset + i * stride, offset + i * stride + size), i * size);
     return new Type(out.buffer);
   };
   const values = 'bufferView' in place ? await rows(place, Kind, width * Kind.BYTES_PER_ELEMENT, count) : new Kind(count * width);
   if (sparse) {
-    const Type = KINDS[sparse.indices?.componentType];
-    if (!Type || !isIndex(sparse.count) || sparse.count > count) throw invalid(`accessor ${number} has sparse values of an unexpected type or count`);
+    const Type = ROWS.includes(sparse.indices?.componentType) ? KINDS.get(sparse.indices.componentType) : null;
+    if (!Type || !isIndex(sparse.count) || sparse.count < 1 || sparse.count > count) throw invalid(`accessor ${number} has sparse values of an unexpected type or count`);
     const places = await rows(sparse.indices, Type, Type.BYTES_PER_ELEMENT, sparse.count);
     const taken = await rows(sparse.values ?? {}, Kind, width * Kind.BYTES_PER_ELEMENT, sparse.count);
     places.forEach((/** @type {number} */ row, /** @type {number} */ i) => {
@@ -62,35 +63,57 @@ export async function readAccessor(root, number, viewOf) {
   return values;
 }
 
+/** Where a file has the bytes of a bufferView, compressed or not: an object with buffer, byteOffset and byteLength. @param {any} view @returns {any} */
+export const placeOf = (view) => [NAME, ...MESHOPT].map((name) => view.extensions?.[name]).find(Boolean) ?? view;
+
+/** Throws a TexfError where a small file asks for any amount of work: where streams overlap, or deflated views have too many bytes.
+ * @param {any} root @param {number[]} streams bufferViews */
+export function checkViews(root, streams) {
+  const deflated = (root.bufferViews ?? []).reduce((/** @type {number} */ sum, /** @type {any} */ view) => sum + (view.extensions?.[NAME] ? view.byteLength : 0), 0);
+  if (deflated > MOST_BYTES) throw new TexfError('limit', 'the deflated bufferViews are too large', {finding: 'TXF-I41', value: deflated, allowed: MOST_BYTES});
+  const places = streams.map((number) => {
+    const {buffer, byteOffset = 0, byteLength} = placeOf(entryOf(root, 'bufferViews', number));
+    if (![buffer, byteOffset, byteLength].every(isIndex)) throw invalid(`bufferView ${number} has no whole numbers`);
+    return {buffer, begin: byteOffset, end: byteOffset + byteLength};
+  }).sort((a, b) => a.buffer - b.buffer || a.begin - b.begin || a.end - b.end);
+  if (places.some(({buffer, begin}, i) => i > 0 && buffer === places[i - 1].buffer && begin < places[i - 1].end)) throw invalid('streams overlap');
+}
+
 /** A bufferView that is stored deflated: planes of bytes, each the difference to the row before.
  * @param {Uint8Array} packed @param {any} view the bufferView @param {number} number of it @returns {Promise<Uint8Array>} */
 export async function inflated(packed, view, number) {
   const {byteLength} = view, {row} = view.extensions[NAME];
-  if (!isIndex(byteLength) || !isIndex(row) || byteLength < 1 || row < 1 || byteLength % row) throw invalid(`bufferView ${number} has no whole rows`);
-  if (byteLength > MOST_BYTES) throw new TexfError('limit', `bufferView ${number} is too large`, {finding: 'TXF-I41', value: byteLength, allowed: MOST_BYTES});
-  const planes = await unzipped(packed, byteLength, number), out = new Uint8Array(byteLength), count = byteLength / row;
+  if (!isIndex(byteLength) || !isIndex(row) || byteLength < 1 || row < 1) throw invalid(`bufferView ${number} has no rows`);
+  if (byteLength % row || byteLength > MOST_RATIO * packed.length) throw invalid(`bufferView ${number} inflates to another length`, 'TXF-I11');
+  const out = new Uint8Array(byteLength), planes = new Uint8Array(byteLength), count = byteLength / row;
+  const length = await unzip(packed, byteLength, (bytes, at) => planes.set(bytes.subarray(0, byteLength - at), at));
+  if (length !== byteLength) throw invalid(`bufferView ${number} inflates to another length`, 'TXF-I11');
+  if (await unzip(packed.subarray(0, -1), byteLength) !== null) throw invalid(`bufferView ${number} has bytes behind its zlib data`, 'TXF-I11'); // some hosts ignore them
   for (let b = 0; b < row; b++) {
     for (let n = 0, value = 0; n < count; n++) out[n * row + b] = value = (value + planes[b * count + n]) & 255;
   }
   return out;
 }
 
-/** @param {Uint8Array} packed zlib data @param {number} length that it must have @param {number} number of the bufferView */
-async function unzipped(packed, length, number) {
-  const out = new Uint8Array(length), reader = new Blob([/** @type {any} */ (packed)]).stream().pipeThrough(new DecompressionStream('deflate')).getReader();
+/** What a transform makes of bytes; faults are those of the reader. @param {Uint8Array} bytes @param {{readable: ReadableStream, writable: WritableStream}} transform */
+export function through(bytes, {readable, writable}) {
+  const writer = writable.getWriter();
+  Promise.all([writer.write(bytes), writer.close()]).catch(() => {});
+  return readable;
+}
+
+/** Inflates zlib data, piece by piece: the number of bytes, more than `most` if they are more, null if the data are cut off or broken.
+ * @param {Uint8Array} packed @param {number} most @param {(bytes: Uint8Array, at: number) => void} [take] */
+async function unzip(packed, most, take = () => {}) {
+  const reader = through(packed, new DecompressionStream('deflate')).getReader();
   let at = 0;
   for (;;) {
-    const {done, value} = await reader.read().catch(() => {
-      throw invalid(`bufferView ${number} cannot be inflated`, 'TXF-I11');
-    });
-    if (done) break;
-    if (at + value.length > length) await reader.cancel().catch(() => {});
-    if (at + value.length > length) throw invalid(`bufferView ${number} inflates to more than ${length} bytes`, 'TXF-I11');
-    out.set(value, at);
-    at += value.length;
+    const piece = await reader.read().catch(() => null);
+    if (!piece || piece.done) return piece && at;
+    take(piece.value, at);
+    at += piece.value.length;
+    if (at > most) return reader.cancel().then(() => at, () => at);
   }
-  if (at < length) throw invalid(`bufferView ${number} inflates to ${at} bytes, not ${length}`, 'TXF-I11');
-  return out;
 }
 
 /** A part of a buffer. @param {Uint8Array} buffer @param {any} place with byteOffset and byteLength @param {number} number of the bufferView */
@@ -128,8 +151,8 @@ export class Added {
 
   /** @param {Values} values @param {string} type @param {any} properties of the accessor @param {number} [target] of its bufferView @returns {number} */
   addAccessor(values, type, properties = {}, target) {
-    const width = WIDTHS[type], size = width * values.BYTES_PER_ELEMENT, count = values.length / width, {constructor: kind} = values;
-    const componentType = Number(Object.keys(KINDS).find((key) => KINDS[Number(key)] === kind));
+    const width = /** @type {number} */ (WIDTHS.get(type)), size = width * values.BYTES_PER_ELEMENT, count = values.length / width, {constructor: kind} = values;
+    const componentType = [...KINDS.keys()].find((key) => KINDS.get(key) === kind);
     const more = target === undefined ? {} : {target}, stride = size + (-size & 3);
     let view = values;
     if (target === ARRAY && stride !== size) {

@@ -1,24 +1,20 @@
 /** expand(): a GLB with coded primitives -> an ordinary GLB, for hosts that have no plug-in. */
 
-import {Added, entryOf, inflated, invalid, NAME, wellFormed, within, without} from './accessors.js';
+import {Added, entryOf, inflated, invalid, isIndex, MESHOPT, NAME, placeOf, wellFormed, within, without} from './accessors.js';
+import {Atlas} from './atlas.js';
 import {isContainer, unfold} from './container.js';
 import {decode, TexfError} from './index.js';
 import {pngOf} from './png.js';
+import {checkTree, hasUnknown, references} from './references.js';
 
 const MAGIC = 0x46546C67, JSON_CHUNK = 0x4E4F534A, BINARY_CHUNK = 0x004E4942, ALIGNMENT = 8;
-const MESHOPT = ['EXT_meshopt_compression', 'KHR_meshopt_compression'];
-const INSTANCES = 'EXT_mesh_gpu_instancing';
-/** Extensions whose references to accessors, bufferViews and textures are known here, or that have none. */
-const KNOWN = ['KHR_materials_', 'KHR_texture_', 'EXT_texture_', 'KHR_xmp', 'KHR_lights_', 'KHR_animation_pointer', 'KHR_node_', 'KHR_draco_mesh_compression',
-  'KHR_mesh_quantization', 'MSFT_texture_dds', 'MSFT_lod', INSTANCES, NAME, ...MESHOPT];
 
 /**
  * An ordinary GLB of one whose primitives are coded by TEXF_stream: accessors, PNG images, and all else as it was.
  *
  * @param {ArrayBuffer} file stays as it is
  * @param {{decoder?: {decode: typeof decode}|null, limits?: import('./index.js').Limits, signal?: AbortSignal}} [options]
- * @returns {Promise<ArrayBuffer>} the file itself if it has no coded primitives; rejected with a TexfError, whose code is 'unsupported'
- *   if a field over voxels needs an atlas, which texf-dec makes
+ * @returns {Promise<ArrayBuffer>} the file itself if it has no coded primitives; rejected with a TexfError
  */
 export function expand(file, {decoder = null, limits = {}, signal} = {}) {
   return wellFormed(() => expanded(file, (stream) => (decoder ?? {decode}).decode(stream, {limits, signal})));
@@ -28,40 +24,41 @@ export function expand(file, {decoder = null, limits = {}, signal} = {}) {
 async function expanded(file, decoded) {
   const {root, binary} = readGlb(file);
   if (!isContainer(root)) return file;
-  const source = new Source(root, binary), before = held(root);
-  const hasUnknown = (root.extensionsUsed ?? []).some((/** @type {any} */ name) => !KNOWN.some((known) => String(name).startsWith(known)));
-  const {views, pictures, voxels} = await unfold(root, (number) => source.view(number), decoded);
-  if (voxels.size > 0) throw new TexfError('unsupported', 'an image of this file is a field over voxels, of which texf-dec makes an atlas');
+  checkTree(root);
+  const source = new Source(root, binary), before = held(references(root)), keepsAll = hasUnknown(root);
+  const {views, pictures} = await unfold(root, (number) => source.view(number), decoded, {Atlas});
   const added = new Added(root);
   for (const [texture, picture] of pictures) {
     const image = {mimeType: 'image/png', bufferView: added.addView(await pngOf(picture))};
     root.textures[texture].source = added.add('images', image);
   }
-  const bytes = await Promise.all(root.bufferViews.map(async (/** @type {any} */ view, /** @type {number} */ n) => views.get(n) ?? added.views.get(n) ?? source.stored(n)));
+  const bytes = await Promise.all(root.bufferViews.map(async (/** @type {any} */ view, /** @type {number} */ n) => views.get(n) ?? added.views.get(n) ?? source.known.get(n) ?? source.stored(n)));
   leaveOut(root);
-  return writeGlb(root, hasUnknown ? bytes : withoutUnused(root, bytes, before));
+  return writeGlb(root, keepsAll ? bytes : withoutUnused(root, bytes, before));
 }
 
 /** @param {ArrayBuffer} file */
 function readGlb(file) {
-  const view = new DataView(file), wrong = () => invalid('the file is not a whole GLB', 'TXF-I07');
-  if (file.byteLength < 20 || view.getUint32(0, true) !== MAGIC || view.getUint32(4, true) !== 2) throw wrong();
+  const view = new DataView(file), wrong = () => invalid('the file is not a whole GLB', 'TXF-I07'), end = file.byteLength < 20 ? 0 : view.getUint32(8, true);
+  if (end < 20 || end > file.byteLength || view.getUint32(0, true) !== MAGIC) throw wrong();
+  if (view.getUint32(4, true) !== 2) throw new TexfError('unsupported', 'only glTF 2 is supported', {finding: 'TXF-I33'});
   const length = view.getUint32(12, true), next = 20 + length + 8;
-  if (view.getUint32(16, true) !== JSON_CHUNK || 20 + length > file.byteLength) throw wrong();
-  const root = jsonOf(new Uint8Array(file, 20, length));
-  if (!root || typeof root !== 'object' || Array.isArray(root)) throw wrong();
-  const size = next <= file.byteLength && view.getUint32(next - 4, true) === BINARY_CHUNK ? view.getUint32(next - 8, true) : 0;
-  if (next + size > file.byteLength && size > 0) throw wrong();
-  return {root, binary: size > 0 ? new Uint8Array(file, next, size) : new Uint8Array(0)};
+  if (view.getUint32(16, true) !== JSON_CHUNK || 20 + length > end) throw wrong();
+  const root = jsonOf(new Uint8Array(file, 20, length)), size = next <= end ? view.getUint32(next - 8, true) : 0;
+  if (next + size > end && size > 0) throw wrong();
+  return {root, binary: size > 0 && view.getUint32(next - 4, true) === BINARY_CHUNK ? new Uint8Array(file, next, size) : new Uint8Array(0)};
 }
 
-/** The tree of a JSON text, null if it is none. @param {Uint8Array} text */
+/** The tree of a JSON text. @param {Uint8Array} text @returns {any} */
 function jsonOf(text) {
+  let root;
   try {
-    return JSON.parse(new TextDecoder().decode(text));
+    root = JSON.parse(new TextDecoder('utf-8', {fatal: true}).decode(text));
   } catch {
-    return null;
+    throw invalid('the glTF text is not JSON', 'TXF-I08');
   }
+  if (!root || typeof root !== 'object' || Array.isArray(root)) throw invalid('the top level of the glTF is not an object');
+  return root;
 }
 
 /** Bytes of a file's bufferViews. */
@@ -84,17 +81,20 @@ class Source {
 
   /** As view(), but what another extension has compressed stays so. @param {number} number @returns {Promise<Uint8Array>} */
   async stored(number) {
-    const view = this.root.bufferViews[number], place = view.extensions?.[NAME] ?? MESHOPT.map((name) => view.extensions?.[name]).find(Boolean) ?? view;
-    const bytes = within(await this.buffer(place.buffer), place, number);
+    const view = this.root.bufferViews[number], place = placeOf(view), bytes = within(await this.buffer(place.buffer), place, number);
     return place === view.extensions?.[NAME] ? inflated(bytes, view, number) : bytes;
   }
 
   /** @param {number} number @returns {Promise<Uint8Array>} */
   async buffer(number) {
-    const {uri} = entryOf(this.root, 'buffers', number);
-    if (uri === undefined && number === 0) return this.binary;
-    if (!String(uri).startsWith('data:')) throw new TexfError('unsupported', `buffer ${number} is not in the file`);
-    return new Uint8Array(await (await fetch(uri)).arrayBuffer());
+    const {uri, byteLength} = entryOf(this.root, 'buffers', number), isHere = typeof uri === 'string' && /^data:/i.test(uri);
+    if (!isHere && uri !== undefined) throw new TexfError('unsupported', `buffer ${number} is not in the file`, {finding: 'TXF-I10'});
+    if (!isHere && number !== 0) throw invalid(`buffer ${number} has no data`, 'TXF-I10');
+    const bytes = isHere ? await fetch(uri).then(async (answer) => new Uint8Array(await answer.arrayBuffer()), () => {
+      throw invalid(`the data URI of buffer ${number} cannot be decoded`, 'TXF-I10');
+    }) : this.binary;
+    if (!isIndex(byteLength) || byteLength > bytes.length) throw invalid(`buffer ${number} is shorter than its byteLength`, 'TXF-I10');
+    return bytes.subarray(0, byteLength);
   }
 }
 
@@ -109,36 +109,10 @@ function leaveOut(root) {
   }
 }
 
-/** Calls visit(owner, key, kind) for every reference to an accessor, bufferView, image or texture. @param {any} root @param {(owner: any, key: string, kind: string) => void} visit */
-function eachReference(root, visit) {
-  const keys = (/** @type {any} */ owner, /** @type {string} */ kind, names = Object.keys(owner ?? {})) => names.forEach((key) => owner && key in owner && visit(owner, key, kind));
-  for (const {primitives = []} of root.meshes ?? []) {
-    for (const primitive of primitives) {
-      [primitive.attributes, ...(primitive.targets ?? [])].forEach((owner) => keys(owner, 'accessors'));
-      keys(primitive, 'accessors', ['indices']);
-      keys(primitive.extensions?.[NAME], 'accessors', ['splits']);
-      keys(primitive.extensions?.KHR_draco_mesh_compression, 'bufferViews', ['bufferView']);
-    }
-  }
-  for (const {samplers = []} of root.animations ?? []) samplers.forEach((/** @type {any} */ sampler) => keys(sampler, 'accessors', ['input', 'output']));
-  for (const skin of root.skins ?? []) keys(skin, 'accessors', ['inverseBindMatrices']);
-  for (const node of root.nodes ?? []) keys(node.extensions?.[INSTANCES]?.attributes, 'accessors');
-  for (const entry of root.accessors ?? []) [entry, entry.sparse?.indices, entry.sparse?.values].forEach((owner) => keys(owner, 'bufferViews', ['bufferView']));
-  for (const image of root.images ?? []) keys(image, 'bufferViews', ['bufferView']);
-  for (const texture of root.textures ?? []) [texture, ...Object.values(texture.extensions ?? {})].forEach((owner) => keys(owner, 'images', ['source']));
-  keys(root.extensions?.[NAME]?.streams, 'bufferViews');
-  const textures = (/** @type {any} */ owner) => Object.entries(owner ?? {}).forEach(([key, value]) => {
-    if (key === 'extras' || !value || typeof value !== 'object') return;
-    if (key.endsWith('Texture') && 'index' in value) visit(value, 'index', 'textures');
-    textures(value);
-  });
-  textures(root.materials);
-}
-
-/** Numbers that are referred to, by kind. @param {any} root */
-function held(root) {
+/** Numbers that are referred to, by kind. @param {Iterable<import('./references.js').Reference>} all */
+function held(all) {
   const numbers = /** @type {Object<string, Set<number>>} */ ({accessors: new Set(), bufferViews: new Set(), images: new Set(), textures: new Set()});
-  eachReference(root, (owner, key, kind) => numbers[kind].add(owner[key]));
+  for (const {owner, key, kind} of all) numbers[kind]?.add(owner[key]);
   return numbers;
 }
 
@@ -146,7 +120,7 @@ function held(root) {
  * @param {any} root @param {Uint8Array[]} bytes of each bufferView @param {ReturnType<typeof held>} before */
 function withoutUnused(root, bytes, before) {
   for (const kinds of [['accessors', 'textures'], ['images'], ['bufferViews']]) {
-    const now = held(root), numbers = /** @type {Object<string, Map<number, number>>} */ ({});
+    const all = [...references(root)], now = held(all), numbers = /** @type {Object<string, Map<number, number>>} */ ({});
     for (const kind of kinds) {
       const kept = (root[kind] ?? []).map((/** @type {any} */ _, /** @type {number} */ n) => n).filter((/** @type {number} */ n) => now[kind].has(n) || !before[kind].has(n));
       numbers[kind] = new Map(kept.map((/** @type {number} */ old, /** @type {number} */ n) => [old, n]));
@@ -154,9 +128,7 @@ function withoutUnused(root, bytes, before) {
       if (kind === 'bufferViews') bytes = kept.map((/** @type {number} */ n) => bytes[n]);
       if (!kept.length) delete root[kind];
     }
-    eachReference(root, (owner, key, kind) => {
-      if (kinds.includes(kind)) owner[key] = numbers[kind].get(owner[key]);
-    });
+    for (const {owner, key, kind} of all) if (kinds.includes(kind)) owner[key] = numbers[kind].get(owner[key]);
   }
   return bytes;
 }

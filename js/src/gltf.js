@@ -63,7 +63,7 @@ export class TEXFStreamExtension {
     if (!carrying.length && !isContainer(json)) return;
     this.three = await import('./three.js'); // which expand() does without
     await Promise.all(carrying.map((i) => this.replace(scenes[i], i)));
-    if (isContainer(json)) this.unfolded = await wellFormed(() => unfold(json, (number) => this.view(number), (stream) => this.decoder.decode(stream, this.options), refused));
+    if (isContainer(json)) this.unfolded = await wellFormed(() => unfold(json, (number) => this.view(number), (stream) => this.decoder.decode(stream, this.options), {onRefused: refused}));
   }
 
   /** @param {any} scene of the file @param {number} number */

@@ -61,7 +61,7 @@ function resized({image, components}, width, height) {
 
 /** The third component of tangent space normals, from the first two.
  * @param {Uint8Array} pixels */
-function withZ(pixels) {
+export function withZ(pixels) {
   for (let i = 0; i < pixels.length; i += 4) {
     const x = pixels[i] / 127.5 - 1, y = pixels[i + 1] / 127.5 - 1;
     pixels[i + 2] = Math.round(127.5 * (Math.sqrt(Math.max(0, 1 - x * x - y * y)) + 1));

@@ -1,5 +1,7 @@
 /** PNG files of pictures, written where there may be no canvas. */
 
+import {through} from './accessors.js';
+
 const CRC = Uint32Array.from({length: 256}, (_, n) => {
   for (let bit = 0; bit < 8; bit++) n = n & 1 ? 0xEDB88320 ^ (n >>> 1) : n >>> 1;
   return n;
@@ -40,7 +42,7 @@ export async function pngOf(picture) {
   view.setUint32(0, width);
   view.setUint32(4, height);
   header.set([8, hasAlpha ? WITH_ALPHA : TRUE_COLOUR], 8);
-  const rows = new Blob([filtered(picture, hasAlpha ? 4 : 3)]).stream().pipeThrough(new CompressionStream('deflate'));
+  const rows = through(filtered(picture, hasAlpha ? 4 : 3), new CompressionStream('deflate'));
   const packed = new Uint8Array(await new Response(rows).arrayBuffer());
   return new Uint8Array(await new Blob([Uint8Array.from(SIGNATURE), chunk('IHDR', header), chunk('IDAT', packed), chunk('IEND', new Uint8Array(0))]).arrayBuffer());
 }

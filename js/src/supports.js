@@ -8,6 +8,7 @@
 
 const WORDS = 16;
 const HASH_FACTOR = 2654435769;
+const LINEAR = Float64Array.from({ length: 256 }, (_, code) => (code <= 10 ? code / 3294.6 : ((code / 255 + 0.055) / 1.055) ** 2.4)); // of sRGB
 
 /** Ascending Morton keys as bricks of 8 x 8 x 8: key >> 9 of each, and 512 bits of which of its voxels are there.
  * @param {BigUint64Array} keys @returns {Bricks} */
@@ -29,7 +30,7 @@ export function bricksOf(keys) {
 
 /** Voxels of one level in Morton order: bricks Uint32Array [B], words Uint32Array [B * 16], base: how many come before.
  * @param {Uint32Array} bricks @param {Uint32Array} words @param {number} base @returns {Level} */
-function levelOf(bricks, words, base) {
+export function levelOf(bricks, words, base) {
   const ranks = new Uint32Array(words.length);
   let rank = base;
   for (let i = 0; i < words.length; i++) {
@@ -40,7 +41,7 @@ function levelOf(bricks, words, base) {
 }
 
 /** @param {number} x */
-function bitCount(x) {
+export function bitCount(x) {
   x -= (x >>> 1) & 0x55555555;
   x = (x & 0x33333333) + ((x >>> 2) & 0x33333333);
   return Math.imul((x + (x >>> 4)) & 0x0f0f0f0f, 0x01010101) >>> 24;
@@ -110,38 +111,31 @@ function codeOf(level, key) {
 }
 
 /** Values of a plane on its own level and all above, Uint8Array [rows * components], and the number of rows.
- * @param {{values: Uint8Array, counts: Uint8Array|null, level: number}} plane @param {number} components @param {Tree} tree */
-export function pyramidOf({ values, counts, level }, components, { first, levels, parents }) {
-  const start = level - first, rows = levels.slice(start).reduce((sum, below) => sum + below.count, 0);
-  const out = new Uint8Array(rows * components);
-  out.set(values.subarray(0, levels[start].count * components));
-  let sums = /** @type {ArrayLike<number>} */ (values), weights = /** @type {ArrayLike<number>|null} */ (counts), at = levels[start].count * components;
-  for (let number = start; number < parents.length; number++) {
-    const { count } = levels[number + 1], isFirst = number === start;
-    [sums, weights] = summedUp(sums, weights, parents[number], count, components, isFirst);
+ * @param {Uint8Array} values @param {boolean[]} colours of each component: whether means are in linear light, as of mipmaps @param {Tree} tree */
+export function pyramidOf(values, colours, { levels, parents }) {
+  const components = colours.length, rows = levels.reduce((sum, level) => sum + level.count, 0), out = new Uint8Array(rows * components);
+  out.set(values);
+  let sums = Float64Array.from(values, (value, i) => (colours[i % components] ? LINEAR[value] : value)), weights = new Float64Array(levels[0].count).fill(1), at = values.length;
+  for (let number = 0; number < parents.length; number++) {
+    const { count } = levels[number + 1], above = new Float64Array(count * components), heavier = new Float64Array(count);
+    parents[number].forEach((parent, row) => {
+      heavier[parent] += weights[row];
+      for (let c = 0; c < components; c++) above[parent * components + c] += sums[row * components + c];
+    });
+    [sums, weights] = [above, heavier];
     for (let row = 0; row < count; row++) {
-      for (let c = 0; c < components; c++) out[at++] = Math.round(sums[row * components + c] / weights[row]);
+      for (let c = 0; c < components; c++) out[at++] = Math.round(coded(sums[row * components + c] / weights[row], colours[c]));
     }
   }
   return { rows, values: out };
 }
 
-/** Sums and weights of the level above. areMeans: `sums` are values yet, of these weights; no weights are all 1.
- * @param {ArrayLike<number>} sums @param {ArrayLike<number>|null} weights @param {Uint32Array} parents @param {number} count
- * @param {number} components @param {boolean} areMeans */
-function summedUp(sums, weights, parents, count, components, areMeans) {
-  const above = new Float64Array(count * components), heavier = new Float64Array(count);
-  for (let row = 0; row < parents.length; row++) {
-    const parent = parents[row], weight = weights === null ? 1 : weights[row], share = areMeans ? weight : 1;
-    heavier[parent] += weight;
-    for (let c = 0; c < components; c++) above[parent * components + c] += share * sums[row * components + c];
-  }
-  return [above, heavier];
-}
+/** @param {number} mean @param {boolean} isColour whether it is linear, 0 to 1 */
+const coded = (mean, isColour) => !isColour ? mean : 255 * (mean <= 0.0031308 ? 12.92 * mean : 1.055 * mean ** (1 / 2.4) - 0.055);
 
 /** Every third bit, the lowest first.
  * @param {number} key */
-function compact(key) {
+export function compact(key) {
   let out = 0;
   for (let bit = 0; bit < 11; bit++) out |= ((key >>> (3 * bit)) & 1) << bit;
   return out;

@@ -34,6 +34,8 @@ export class Surface {
     this.flat = new Map();
     /** @type {Float32Array[]|null} */
     this.tangents = null;
+    /** Of faces over voxels. @type {import('./atlas.js').Atlas|null} */
+    this.atlas = null;
   }
 
   /** Stored vertex of each corner of a primitive: that which its face names, or another by a split.
@@ -57,35 +59,35 @@ export class Surface {
   }
 
   /**
-   * The faces of a primitive in one field, in the mesh's space.
-   * @param {Placed} placed @param {number} field @param {Uint32Array} corners of cornersOf()
-   * @param {{needsNormals: boolean, hasTangents: boolean}} wanted needsNormals: also where faces are flat
+   * The faces of a primitive in some fields, in the mesh's space.
+   * @param {Placed} placed @param {number[]} fields over texels or over voxels @param {Uint32Array} corners of cornersOf()
+   * @param {{needsNormals: boolean, hasTangents: boolean, isMapped: boolean}} wanted needsNormals: also where faces are flat
    * @returns {{values: Columns, index: Uint32Array, vertex: Uint32Array}} vertex: stored vertex of each vertex
    */
-  patch({units, matrix}, field, corners, {needsNormals, hasTangents}) {
+  patch({units, matrix}, fields, corners, {needsNormals, hasTangents, isMapped}) {
     const {columns: turned, determinant} = inverseTranspose(matrix), linear = [0, 1, 2, 4, 5, 6, 8, 9, 10].map((i) => matrix[i]);
     if (!(Math.abs(determinant) > 0) || !turned.every(Number.isFinite)) throw invalid('the matrix of a primitive has no inverse');
     const vertices = new Vertices(this, {matrix, linear, turned, mirrored: determinant < 0}), index = /** @type {number[]} */ ([]);
-    const shaded = needsNormals || units.some((number) => this.asset.units[number].field === field && !this.isFlat(this.asset.units[number].material));
+    const shaded = needsNormals || units.some((number) => fields.includes(this.asset.units[number].field) && !this.isFlat(this.asset.units[number].material));
     let base = 0, at = 0;
     for (const number of units) {
       const {indices, positions, field: own, material} = this.asset.units[number];
       const normal = shaded && (needsNormals || !this.isFlat(material)), tangent = hasTangents ? this.tangentsOf(number) : null;
-      const count = own === field ? indices.length : 0;
+      const count = fields.includes(own) ? indices.length : 0, uvs = isMapped ? this.atlas?.corners[number]?.uvs ?? null : null;
       for (let i = 0; i < count; i++) {
         const corner = determinant < 0 ? i - i % 3 + (3 - i % 3) % 3 : i;
-        index.push(vertices.of(number, base, corner, corners[at + corner], normal, tangent));
+        index.push(vertices.of(number, base, corner, corners[at + corner], {normal, tangent, uvs}));
       }
       base += positions.length / 3;
       at += indices.length;
     }
-    return {values: vertices.columns(shaded, hasTangents, this.asset.fields[field].planar), index: Uint32Array.from(index), vertex: Uint32Array.from(vertices.stored)};
+    return {values: vertices.columns(shaded, hasTangents, this.asset.fields[fields[0]].planar || this.atlas !== null), index: Uint32Array.from(index), vertex: Uint32Array.from(vertices.stored)};
   }
 
   /** Tangents of a unit's corners. @param {number} number */
   tangentsOf(number) {
     this.tangents ??= cornerTangents(this.asset, this.scale);
-    return this.tangents[number];
+    return this.atlas?.corners[number]?.tangents ?? this.tangents[number];
   }
 
   /** Whether all faces of a material of the stream are shaded flat, so that normals say nothing. @param {number} material */
@@ -117,20 +119,23 @@ class Vertices {
     this.decoded = /** @type {[number, number][]} */ ([]); // unit and vertex in it
     this.normals = /** @type {number[]} */ ([]);
     this.tangents = /** @type {number[]} */ ([]);
+    this.uvs = /** @type {number[]} */ ([]); // of an atlas
   }
 
   /** @param {number} number of the unit @param {number} base of its vertices @param {number} corner @param {number} stored
-   * @param {boolean} hasNormal @param {Float32Array|null} tangents @returns {number} the vertex of a corner */
-  of(number, base, corner, stored, hasNormal, tangents) {
+   * @param {{normal: boolean, tangent: Float32Array|null, uvs: Float32Array|null}} has uvs: of an atlas @returns {number} the vertex of a corner */
+  of(number, base, corner, stored, {normal: hasNormal, tangent: tangents, uvs}) {
     const {indices, normals} = this.surface.asset.units[number], vertex = indices[corner];
     const normal = hasNormal ? normals.subarray(3 * corner, 3 * corner + 3) : [0, 0, 0], tangent = tangents ? tangents.subarray(4 * corner, 4 * corner + 4) : [0, 0, 0, 0];
+    const uv = uvs ? uvs.subarray(2 * corner, 2 * corner + 2) : [0, 0];
     const others = this.known.get(base + vertex) ?? [];
-    const same = others.find((n) => this.stored[n] === stored && [0, 1, 2].every((k) => this.normals[3 * n + k] === normal[k]) && [0, 1, 2, 3].every((k) => this.tangents[4 * n + k] === tangent[k]));
+    const same = others.find((n) => this.stored[n] === stored && [0, 1, 2].every((k) => this.normals[3 * n + k] === normal[k]) && [0, 1, 2, 3].every((k) => this.tangents[4 * n + k] === tangent[k]) && this.uvs[2 * n] === uv[0] && this.uvs[2 * n + 1] === uv[1]);
     if (same !== undefined) return same;
     this.known.set(base + vertex, [...others, this.stored.length]);
     this.decoded.push([number, vertex]);
     this.normals.push(...normal);
     this.tangents.push(...tangent);
+    this.uvs.push(...uv);
     return this.stored.push(stored) - 1;
   }
 
@@ -146,7 +151,7 @@ class Vertices {
       normal.set(unit(times(turned, this.normals[3 * n], this.normals[3 * n + 1], this.normals[3 * n + 2])), 3 * n);
       tangent.set(unit(times(linear, this.tangents[4 * n], this.tangents[4 * n + 1], this.tangents[4 * n + 2])), 4 * n);
       tangent[4 * n + 3] = this.tangents[4 * n + 3] * (mirrored ? -1 : 1);
-      if (uvs) uv.set(uvs.subarray(2 * vertex, 2 * vertex + 2), 2 * n);
+      uv.set(uvs ? uvs.subarray(2 * vertex, 2 * vertex + 2) : [this.uvs[2 * n], this.uvs[2 * n + 1]], 2 * n);
     });
     return {position, place, normal: hasNormals ? normal : null, tangent: hasNormals && hasTangents ? tangent : null, uv: hasUvs ? uv : null};
   }

@@ -372,9 +372,11 @@ export function samplerOf({magFilter, wrapS, wrapT}) {
 
 // ---- Voxels
 
-/** GLSL of texfAsk(), which leaves what the field answers in texfSum0, texfSum1 ...; network: of texfAskNetwork(), where one answers on the finest level.
- * @param {number} count of textures @param {string|null} network */
-const askGlsl = (count, network) => {
+/** GLSL of texfAsk(), which leaves what the field answers in texfSum0, texfSum1 ..., colours in linear light; network: of texfAskNetwork(), where one
+ * answers on the finest level. Colours of coarser levels are mixed in linear light, as those of mipmaps are.
+ * @param {boolean[][]} colours of each texture's components @param {string|null} network */
+const askGlsl = (colours, network) => {
+  const count = colours.length, light = (/** @type {number} */ n) => (colours[n].some(Boolean) ? (/** @type {string} */ of) => `texfLight(${of}, bvec4(${colours[n]}))` : (/** @type {string} */ of) => of);
   const each = (/** @type {(n: number) => string} */ text) => Array.from({length: count}, (_, n) => text(n)).join('\n  ');
   return `
 varying vec3 vTexfPlace;
@@ -384,12 +386,12 @@ varying mat3 vTexfTurn;
 uniform bool texfCubes;
 uniform vec2 texfBends;
 ${each((n) => `uniform sampler2D texfTable${n};\nvec4 texfSum${n};`)}
-vec3 texfLinear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }
+vec4 texfLight(vec4 c, bvec4 colour) { return mix(c, mix(c / 12.92, pow((c + 0.055) / 1.055, vec4(2.4)), step(0.04045, c)), colour); }
 ${PLACE_GLSL}${BITS_GLSL}${lookUpGlsl('voxels')}${LEVELS_GLSL}
 ${network ?? ''}
-void texfAdd(int row, float weight) {
+void texfAdd(int level, int row, float weight) {
   ivec2 at = place(row);
-  ${each((n) => `texfSum${n} += weight * texelFetch(texfTable${n}, at, 0);`)}
+  ${each((n) => `vec4 cell${n} = texelFetch(texfTable${n}, at, 0);\n  texfSum${n} += weight * (level > 0 ? ${light(n)(`cell${n}`)} : cell${n});`)}
 }
 void texfAskLevel(int level, vec3 grid, float share) { // trilinear over the active cells (8.2.1)
   grid /= float(1 << level);
@@ -402,20 +404,22 @@ void texfAskLevel(int level, vec3 grid, float share) { // trilinear over the act
     if (rows[n] >= 0) total += w.x * w.y * w.z;
   }
   if (total <= 0.0) {
-    texfAdd(max(substitute(level, grid), 0), share);
+    texfAdd(level, max(substitute(level, grid), 0), share);
     return;
   }
   for (int n = 0; n < 8; n++) {
     vec3 w = mix(1.0 - part, part, vec3(n & 1, n >> 1 & 1, n >> 2));
-    if (rows[n] >= 0) texfAdd(rows[n], share * w.x * w.y * w.z / total);
+    if (rows[n] >= 0) texfAdd(level, rows[n], share * w.x * w.y * w.z / total);
   }
 }
 void texfAsk() { // a pixel that is wider than a cell asks the two levels nearest to its width
   ${each((n) => `texfSum${n} = vec4(0.0);`)}
   float wide = abs(dFdy(vTexfWide.x / vTexfWide.y)) * vTexfWide.z, level = clamp(log2(max(wide, 1.0)), 0.0, float(u_last));
   vec3 grid = texfCubes ? floor(vTexfPlace) + 0.5 : vTexfPlace;
-  if (int(level) == 0) ${network ? 'texfAskNetwork' : 'texfAskLevel'}(${network ? '' : '0, '}grid, 1.0 - fract(level));
-  else texfAskLevel(int(level), grid, 1.0 - fract(level));
+  if (int(level) == 0) {
+    ${network ? 'texfAskNetwork(' : 'texfAskLevel(0, '}grid, 1.0);
+    ${each((n) => `texfSum${n} = (1.0 - fract(level)) * ${light(n)(`texfSum${n}`)};`)}
+  } else texfAskLevel(int(level), grid, 1.0 - fract(level));
   if (fract(level) > 0.0) texfAskLevel(int(level) + 1, grid, fract(level));
 }
 `;
@@ -428,13 +432,13 @@ const DEFINES = /** @type {Object<string, string>} */ ({
   iridescenceThicknessMap: 'USE_IRIDESCENCE_THICKNESSMAP',
 });
 
-/** What stands for each map: the asked values, as the shaders of three.js would get them of a texture.
+/** What stands for each map: the asked values, as the shaders of three.js would get them of a texture, colours in linear light.
  * @param {ReturnType<typeof mapsOf>} maps @param {(component: string|null) => string} valueOf */
 function answersOf(maps, valueOf) {
   const answers = /** @type {Object<string, string>} */ ({});
-  for (const [property, channels, isColour] of maps) {
+  for (const [property, channels] of maps) {
     const from = componentsOf(channels), four = channels.map((name, k) => valueOf(name && `${name} ${from[k]}`));
-    answers[property] = isColour ? `vec4(texfLinear(vec3(${four.slice(0, 3)})), ${four[3] ?? '1.0'})` : `vec4(${[0, 1, 2, 3].map((k) => four[k] ?? '1.0')})`;
+    answers[property] = `vec4(${[0, 1, 2, 3].map((k) => four[k] ?? '1.0')})`;
   }
   const bent = (/** @type {string} */ name, /** @type {string} */ scale) =>
     `(vTexfTurn * (normalize(vTexfNormal) + ${scale} * (2.0 * vec3(${[0, 1, 2].map((k) => valueOf(`${name}_object ${k}`))}) - 1.0)))`;
@@ -452,7 +456,8 @@ function voxelMaps(to, material, field, number, asset, cache, placed = null) {
   const size = 2 ** field.levelsLeftOut, cells = Math.ceil(field.resolution / size), last = Math.ceil(Math.log2(cells)), {planes} = field;
   const maps = mapsOf(to, material, field).filter(([property]) => property !== 'anisotropyMap'); // which has no frame there
   const components = maps.flatMap(([, channels]) => channels.map((name, k) => `${name} ${componentsOf(channels)[k]}`)).filter((name) => !name.startsWith('null'));
-  const count = Math.ceil(components.length / 4);
+  const coloured = new Set(maps.flatMap(([, channels, isColour]) => (isColour ? channels.slice(0, 3) : []))), count = Math.ceil(components.length / 4);
+  const colours = Array.from({length: count}, (_, n) => [0, 1, 2, 3].map((k) => coloured.has(components[4 * n + k]?.split(' ')[0])));
   const valueOf = (/** @type {string|null} */ component) => {
     const at = component === null ? -1 : components.indexOf(component);
     return at < 0 ? '1.0' : `texfSum${at >> 2}.${'xyzw'[at & 3]}`;
@@ -474,17 +479,17 @@ function voxelMaps(to, material, field, number, asset, cache, placed = null) {
     const four = components.slice(4 * n, 4 * n + 4), from = four.map((name) => Number(name.split(' ')[1]));
     uniforms[`texfTable${n}`] = {value: cache.get(`${number} ${four}`, () => {
       const values = interleaved(four.map((name) => planes[name.split(' ')[0]]), from, (plane) => spreadOut(plane, field), field.keys.length);
-      return tableTexture(pyramidOf({values, counts: null, level: 0}, 4, tree).values, 4, RGBAFormat, null);
+      return tableTexture(pyramidOf(values, colours[n], tree).values, 4, RGBAFormat, null);
     })};
   }
   const network = asset.neural && field.levelsLeftOut === 0 ? networkOf(asset.neural, number, (key, make) => cache.get(key, make)) : null;
-  const glsl = askGlsl(count, network && networkAskGlsl(network, components, count)), answers = answersOf(maps, valueOf);
+  const glsl = askGlsl(colours, network && networkAskGlsl(network, components, count)), answers = answersOf(maps, valueOf);
   to.onBeforeCompile = (/** @type {any} */ shader) => {
     Object.assign(shader.uniforms, uniforms, network?.uniforms);
     shader.vertexShader = placing(shader.vertexShader, placed, 'normalMap' in answers || 'clearcoatNormalMap' in answers);
     shader.fragmentShader = withSamplers(shader.fragmentShader, glsl, answers);
   };
-  to.customProgramCacheKey = () => `texf ${placed?.attribute} ${JSON.stringify(answers)} ${network ? glsl : count}`;
+  to.customProgramCacheKey = () => `texf ${placed?.attribute} ${JSON.stringify(answers)} ${network ? glsl : colours}`;
 }
 
 /** A vertex shader of three.js that hands on where a vertex is in the field, before targets and skin, and how they turn its normal.

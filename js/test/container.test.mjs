@@ -1,7 +1,8 @@
 /** The part-level form of TEXF_stream in node: GLBs made here of a vector's stream, through expand() and through the plug-in. */
 
 import assert from 'node:assert/strict';
-import {readFileSync} from 'node:fs';
+import {spawnSync} from 'node:child_process';
+import {readFileSync, readdirSync} from 'node:fs';
 import {test} from 'node:test';
 import {deflateSync, inflateSync} from 'node:zlib';
 
@@ -78,6 +79,29 @@ test('expand() gives an ordinary file: geometry in mesh space, stored attributes
   assert.equal(root.accessors.length, new Set([...Object.values(attributes), indices]).size);
 });
 
+test('every faulty vector is refused with the finding that its case names, and every good one is expanded', async () => {
+  const folder = new URL('../../conformance/container/', import.meta.url), names = readdirSync(folder);
+  for (const name of names) {
+    const {code} = JSON.parse(readFileSync(new URL(`${name}/expected.json`, folder), 'utf8')), {buffer, byteOffset, length} = readFileSync(new URL(`${name}/in.glb`, folder));
+    const result = expand(buffer.slice(byteOffset, byteOffset + length));
+    if (code) await assert.rejects(result, (error) => error instanceof TexfError && assert.equal(error.details.finding, code, name) === undefined);
+    else assert.equal(opened(await result).root.extensions?.TEXF_stream, undefined);
+  }
+  assert.ok(names.length >= 49);
+});
+
+test('accessors of repeated attributes and targets keep their names, extras and extensions', async () => {
+  const labels = (name) => ({name, extras: {of: name}, extensions: {EXT_other: {}}}), {root} = opened(await expand(coded((tree) => {
+    Object.assign(tree.accessors[2], labels('joints'));
+    tree.accessors.push({componentType: 5126, count: count + 1, type: 'VEC3', ...labels('target')});
+    tree.meshes[0].primitives[0].targets = [{POSITION: 6}];
+  }))), [{attributes, targets}] = root.meshes[0].primitives;
+  for (const [number, name] of [[attributes.JOINTS_0, 'joints'], [targets[0].POSITION, 'target']]) {
+    const {extras, extensions} = root.accessors[number];
+    assert.deepEqual({name: root.accessors[number].name, extras, extensions}, labels(name));
+  }
+});
+
 test('a file without coded primitives is returned as it is', async () => {
   const file = coded((root) => delete root.extensions);
   assert.equal(await expand(file), file);
@@ -91,12 +115,14 @@ test('the plug-in binds a skinned mesh, whose material is the file\'s with a tex
   assert.deepEqual([mesh.material.name, mesh.material.roughness, mesh.material.map.image.width], ['skin', 0.25, asset.fields[0].planes.base_colour.image.width]);
 });
 
+/** Makes the primitive one without stored attributes. */
+function bare(root) {
+  root.meshes[0].primitives[0].attributes = {POSITION: 0};
+  delete root.meshes[0].primitives[0].extensions.TEXF_stream.splits;
+}
+
 test('a field over voxels is shown by its shader, also of a clone, at places of the stream', unless, async () => {
-  const [voxels] = (await decode(read('subset/k33'))).units, plain = (root) => {
-    root.meshes[0].primitives[0].attributes = {POSITION: 0};
-    delete root.meshes[0].primitives[0].extensions.TEXF_stream.splits;
-  };
-  const file = coded(plain, read('subset/k33'));
+  const [voxels] = (await decode(read('subset/k33'))).units, file = coded(bare, read('subset/k33'));
   const {scene} = await new three.GLTFLoader().register((parser) => new TEXFStreamExtension(parser)).parseAsync(file, '');
   const [{geometry, material}] = scene.children, place = geometry.getAttribute('_texf_place'), corner = geometry.index.array[0];
   assert.deepEqual([...place.array.subarray(3 * corner, 3 * corner + 3)], [...voxels.positions.subarray(3 * voxels.indices[0], 3 * voxels.indices[0] + 3)]);
@@ -104,15 +130,32 @@ test('a field over voxels is shown by its shader, also of a clone, at places of 
   material.clone().onBeforeCompile(shader);
   assert.match(shader.vertexShader, /vTexfPlace = _texf_place \* texfScale/);
   assert.ok(shader.uniforms.texfTable0.value.isTexture);
-  await assert.rejects(expand(file), {name: 'TexfError', code: 'unsupported', message: /texf-dec/});
 });
 
-/** Makes the primitive plain, and gives it the stored weights as a fallback's positions, and an image of its own. */
+test('a field over voxels becomes an atlas, in which no two faces overlap', async () => {
+  const {root, bytes, rows} = opened(await expand(coded(bare, read('subset/k33')))), [{attributes, indices}] = root.meshes[0].primitives;
+  const side = Buffer.from(bytes(root.images[root.textures[0].source].bufferView)).readUInt32BE(16), uv = rows(attributes.TEXCOORD_0), owner = new Map();
+  const faces = rows(indices).flat().map((v) => uv[v].map((value) => value * side));
+  assert.ok(!('_TEXF_PLACE' in attributes) && root.samplers[root.textures[0].sampler].wrapS === 33071);
+  for (let f = 0; f < faces.length; f += 3) {
+    const [a, b, c] = faces.slice(f, f + 3), area = (p, q, r) => (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]), low = [0, 1].map((k) => Math.floor(Math.min(a[k], b[k], c[k])));
+    for (let y = low[1]; y < Math.max(a[1], b[1], c[1]); y++) for (let x = low[0]; x < Math.max(a[0], b[0], c[0]); x++) {
+      const place = [x + 0.5, y + 0.5], parts = [area(place, a, b), area(place, b, c), area(place, c, a)];
+      if (!parts.every((part) => part > 1e-3)) continue; // v grows downwards, and the matrix mirrors
+      assert.ok(!owner.has(x + y * side), `faces ${owner.get(x + y * side)} and ${f / 3}`);
+      owner.set(x + y * side, f / 3);
+    }
+  }
+  assert.ok(owner.size > 100);
+});
+
+/** Makes the primitive one without stored weights. */
 function plain(root) {
-  root.meshes[0].primitives[0].attributes = {POSITION: 0, TEXCOORD_0: 1};
-  delete root.meshes[0].primitives[0].extensions.TEXF_stream.splits;
+  bare(root);
+  root.meshes[0].primitives[0].attributes.TEXCOORD_0 = 1;
 }
 
+/** Gives the primitive the stored weights as a fallback's positions, and an image of its own. */
 function withFallback(root) {
   plain(root);
   root.accessors.push({bufferView: 2, componentType: 5126, count: 3, type: 'VEC3', min: [0, 0, 0], max: [1, 0, 0]}, {bufferView: 2, componentType: 5126, count: 3, type: 'VEC2'});
@@ -178,5 +221,42 @@ for (const [what, code, change, bytes] of [
     await assert.rejects(loader.parseAsync(file, ''), (error) => error instanceof TexfError && error.code === code);
   });
 }
+
+const primitiveOf = (root) => root.meshes[0].primitives[0];
+for (const [what, finding, change] of [
+  ['a stream within another', 'TXF-I09', (root) => {
+    root.bufferViews.push({buffer: 0, byteOffset: 4, byteLength: 60});
+    root.extensions.TEXF_stream.streams.push(4);
+  }],
+  ['an extension that is no object', 'TXF-I09', (root) => { primitiveOf(root).extensions.TEXF_stream = 'VEC2'; }],
+  ['streams that are null', 'TXF-I09', (root) => { root.extensions.TEXF_stream.streams = null; }],
+  ['a mesh that is no object', 'TXF-I09', (root) => { root.meshes.push('c'); }],
+  ['an accessor that is a number', 'TXF-I09', (root) => { root.accessors[0] = 0.8; }],
+  ['a bufferView that is null', 'TXF-I09', (root) => { root.bufferViews.push(null); }],
+  ['materials that are no array', 'TXF-I09', (root) => { root.materials = 2 ** 32; }],
+  ['skins that are no array', 'TXF-I09', (root) => { root.skins = {}; }],
+  ['names of extensions that are no array', 'TXF-I09', (root) => { root.extensionsUsed = {}; }],
+  ['targets that are a text', 'TXF-I09', (root) => { primitiveOf(root).targets = 'VEC2'; }],
+  ['targets that are a number', 'TXF-I09', (root) => { primitiveOf(root).targets = 1; }],
+  ['an image whose bufferView is not there', 'TXF-I09', (root) => { root.images = [{bufferView: 99}]; }],
+  ['a type that every object has', 'TXF-I09', (root) => { root.accessors[2].type = 'constructor'; }],
+  ['splits that are signed', 'TXF-I09', (root) => { root.accessors[5].componentType = 5122; }],
+  ['a matrix beyond binary32', 'TXF-I09', (root) => { said(root).matrix = MATRIX.with(12, 1e39); }],
+  ['sparse indices that are signed', 'TXF-I09', (root) => { root.accessors[3].sparse = {count: 1, indices: {bufferView: 3, componentType: 5120}, values: {bufferView: 3}}; }],
+  ['a stride that is a text', 'TXF-I11', (root) => { root.bufferViews[2].byteStride = '16'; }],
+  ['a buffer that is shorter than it says', 'TXF-I10', (root) => { root.buffers[0].byteLength += 8; }],
+  ['a data URI that is none', 'TXF-I10', (root) => { root.buffers[0].uri = 'data:'; }],
+  ['a tree of 200 levels', 'TXF-I09', (root) => { root.extras = Array.from({length: 200}).reduce((inner) => [inner], []); }],
+  ['deflated views of 2 GB', 'TXF-I41', (root) => { root.bufferViews[1].byteLength = root.bufferViews[2].byteLength = 2 ** 30; }],
+]) {
+  test(`${what}: expand() says ${finding}`, () => assert.rejects(expand(coded(change)), (error) => error instanceof TexfError && error.details.finding === finding));
+}
+
+test('a fuzzer finds nothing, and says its outcomes', () => {
+  const run = spawnSync(process.execPath, [new URL('fuzz_container.mjs', import.meta.url).pathname, '--executions', '300'], {encoding: 'utf8'});
+  const {executions, outcomes, findings} = JSON.parse(run.stdout);
+  assert.deepEqual([run.status, executions, findings], [0, 300, []]);
+  assert.ok(outcomes.value > 30 && outcomes['TXF-I09'] > 30 && Object.keys(outcomes).length > 5);
+});
 
 test.after(() => dispose());

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from conformance import run as runner
+from conformance import run_containers as scenes
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NODE = shutil.which("node")
@@ -32,6 +33,13 @@ def test_vectors_in_node(case):
     assert folders
     for folder in folders:
         assert runner.faults_of(decoder, folder) == []
+
+
+@needs_node
+@pytest.mark.parametrize("name", sorted({path.parent.name for path in scenes.HOME.glob("*/expected.json")}))
+def test_vectors_of_scenes_in_node(name):
+    expand = scenes.by_command(f"{NODE} {REPOSITORY}/js/test/expand_file.mjs")
+    assert scenes.faults_of(expand, scenes.HOME / name) == []
 
 
 def test_the_package_holds_the_module_of_the_python_package():

@@ -14,6 +14,7 @@ from test_chromium import MODULES, REPOSITORY
 from test_js_package import NODE, needs_node
 
 import texfcodec
+from texfcodec.io.container.layout import streams_of
 from texfcodec.io.gltf.accessor import read_accessor
 from texfcodec.io.gltf.document import open_document
 from texfcodec.io.parts import Notes
@@ -92,3 +93,26 @@ def test_gltfloader_draws_coded_files_as_their_sources(name, facts, files, tmp_p
     quality = 10 * np.log10(255**2 / np.maximum(errors, 255**2 / 10 ** (HIGHEST / 10)))
     assert quality.min() > 36, quality
     assert np.abs(quality[0] - quality[1]).max() <= 0.3 and np.abs(quality - quality[:, :1]).max() <= 0.5, quality
+
+
+def bilinear(picture, uv):
+    """Values of a picture, uint8 [H, W, 4], at UVs inside it: float64 [N, 4]."""
+    place = uv * picture.shape[1::-1] - 0.5
+    column, row = np.floor(place).astype(np.int64).T
+    u, v = (place - np.floor(place)).T[:, :, None]
+    upper, lower = (picture[r, column] * (1 - u) + picture[r, column + 1] * u for r in (row, row + 1))
+    return upper * (1 - v) + lower * v
+
+
+def test_an_atlas_of_a_page_shows_the_field_at_points_of_faces(tmp_path):
+    coded, expanded = REPOSITORY / "conformance/container/voxels/in.glb", tmp_path / "expanded.glb"
+    subprocess.run([NODE, REPOSITORY / "js/test/expand_file.mjs", coded, expanded], check=True)
+    texf = texfcodec.decode(next(iter(streams_of(open_document(coded.read_bytes(), None, Notes())))))
+    document = open_document(expanded.read_bytes(), None, Notes())
+    values = corner_values(document, document.root["meshes"][0]["primitives"][0])
+    weight = np.random.default_rng(5).dirichlet((1, 1, 1), (len(texf.faces), 200))
+    uv, points = (np.einsum("fsc,fck->fsk", weight, corners.reshape(-1, 3, corners.shape[-1])).reshape(-1, corners.shape[-1])
+                  for corners in (values["TEXCOORD_0"].astype(np.float64), texf.positions[texf.faces]))
+    wanted = texf.query(points, np.repeat(np.arange(len(texf.faces)), 200))
+    error = np.mean((bilinear(pixels(document)[0], uv) - wanted)[:, :3] ** 2)
+    assert 10 * np.log10(255**2 / error) > 40

@@ -57,8 +57,8 @@ def evaluate(console, source, other, weights, threads, as_json, quiet, **choices
             facts = _measured(scene, _open(other, options, report), choices, lpips, options.threads, report)
         else:
             sides = (posed_meshes(path, pose, options.limits, report) for path in (source, other))
-            facts = {"times": [{"time": time, **_measured(*pair, choices, lpips, options.threads, report)}
-                               for time, *pair in zip(pose[0], *sides, strict=True)]}
+            facts = {"times": [{"time": time, **_measured(scene, posed, choices, lpips, options.threads, report)}
+                               for time, scene, posed in zip(pose[0], *sides, strict=True)]}
     if not console.as_json:
         console.warnings(report)
     facts |= {name: value for name, value in run_facts(report).items() if name != "dropped"}

@@ -87,6 +87,14 @@ class Document:
         packed = (part(extensions(entry), name) for name in EXTENSIONS if name in extensions(entry))
         return self._slice(next(packed, entry), index)
 
+    def place(self, index: int) -> tuple[int, int, int]:
+        """Return (buffer, begin, end) of the bytes of a bufferView in the file, compressed or not. view() has checked them."""
+        entry = self.entry("bufferViews", index)
+        packed = (part(extensions(entry), name) for name in (DEFLATED, *EXTENSIONS) if name in extensions(entry))
+        stored = next(packed, entry)
+        begin = stored.get("byteOffset", 0)
+        return stored["buffer"], begin, begin + stored["byteLength"]
+
     def _slice(self, entry, index):
         """The bytes that a bufferView, or an extension in it, refers to."""
         buffer = self.buffer(entry.get("buffer"))

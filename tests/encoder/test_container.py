@@ -288,7 +288,7 @@ def test_options_of_a_single_stream_are_refused(options, call, tmp_path):
 def test_options_of_an_atlas_do_not_apply_to_a_scene(call, tmp_path, coded):
     (tmp_path / "a.glb").write_bytes(coded["skinned"][1])
     assert call("texf-dec", tmp_path / "a.glb", tmp_path / "b.glb", "--compress", "draco")[0] == 1
-    assert call("texf-dec", tmp_path / "a.glb", tmp_path / "b.glb", "--texture-format", "png")[0] == 0
+    assert call("texf-dec", tmp_path / "a.glb", tmp_path / "b.glb", "--texture-format", "png", "--json")[0] == 0
 
 
 def test_the_tools_code_and_expand_a_scene(call, tmp_path):

@@ -522,6 +522,8 @@ def test_sparse_index_out_of_range(refused):
     builder.tree["accessors"][primitive["attributes"]["POSITION"]]["sparse"] = sparse(
         builder, np.array([4], np.uint8), np.zeros((1, 3), np.float32))
     assert refused(builder).code == "TXF-I11"
+    builder.tree["accessors"][primitive["attributes"]["POSITION"]]["sparse"]["indices"]["componentType"] = 5126
+    assert refused(builder).code == "TXF-I09"
 
 
 @pytest.mark.parametrize("name, data, code", [

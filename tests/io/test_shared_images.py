@@ -12,7 +12,7 @@ from texfcodec.encoder.encode import encode_scene
 from texfcodec.io.load import load
 from texfcodec.io.save import save
 from texfcodec.options import EncodeOptions
-from texfcodec.scene.scene import ALPHA_BLEND, Material, Scene, Texture
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material, Scene, Texture
 from texfcodec.scene.srgb import linear_to_srgb, srgb_to_linear
 
 OPAQUE = np.array([0, 0, 0, 255], np.uint8)
@@ -80,10 +80,8 @@ def test_images_that_are_no_multiples_stay_apart(tmp_path, change):
         other[8:16, 8:16, :3] = 255 - other[8:16, 8:16, :3]
     elif change == "other image":
         other = noise(3, 64, 64)
-    scene = side_by_side(tints(2), [image, other])
+    scene = side_by_side(tints(2, alpha_mode=ALPHA_BLEND if change == "alpha" else ALPHA_OPAQUE), [image, other])
     scene.materials[1].texture = 1
-    for material in scene.materials:
-        material.alpha_mode = ALPHA_BLEND if change == "alpha" else material.alpha_mode
     if change == "wrap":
         scene.textures[1].wrap = (1, 1)
     _, tree, back, _ = back_and_forth(scene, tmp_path)

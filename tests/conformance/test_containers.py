@@ -73,7 +73,8 @@ def test_the_runner_fails_an_expander_that_is_wrong(name, bend, words):
     ("splits", lambda root: root["extensions"]["TEXF_stream"].update(streams=[-1]), "TXF-I09"),
     ("splits", lambda root: root["accessors"][_primitive(root)["extensions"]["TEXF_stream"]["splits"]].update(componentType=5126),
      "TXF-I09"),
-    ("deflated", lambda root: [view.update(byteLength=1 << 31) for view in root["bufferViews"] if "extensions" in view], "TXF-I41"),
+    ("deflated", lambda root: [view.update(byteLength=1 << 31) for view in root["bufferViews"] if "extensions" in view],
+     "TXF-I41"),
 ])
 def test_faults_of_other_types_and_sizes_are_refused_with_their_code(name, bend, code):
     data = (HOME / name / "in.glb").read_bytes()

@@ -43,8 +43,6 @@ class Finding:
 
     @property
     def family_name(self) -> str:
-        if self.severity != ERROR:
-            return self.severity
         return COMMAND_LINE if self.family is None else self.family.__name__
 
     @property

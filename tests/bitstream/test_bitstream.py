@@ -279,6 +279,13 @@ def test_an_empty_stream_is_valid():
     assert read_stream(write_stream(stream)[0], Limits()).fields == []
 
 
+def test_more_materials_than_the_bytes_can_hold_are_refused_before_any_is_read():
+    header = {**small_stream().header, "num_materials": 60000}
+    data = units_of(write_unit(UNIT_HEADER, write_structure(SEQUENCE_HEADER, header)), write_unit(UNIT_MATERIALS, bytes(9)), END)
+    with pytest.raises(StreamError, match="TXF-S02: the data ends inside materials"):
+        read_stream(data, Limits())
+
+
 @pytest.mark.parametrize("limits,code", [
     (Limits(file_bytes=100), "TXF-L01"),
     (Limits(vertices=9), "TXF-L02"),

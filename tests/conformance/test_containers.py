@@ -69,6 +69,20 @@ def test_the_runner_fails_an_expander_that_is_wrong(name, bend, words):
     assert words in " ".join(faults)
 
 
+@pytest.mark.parametrize("name, bend, code", [
+    ("splits", lambda root: root["extensions"]["TEXF_stream"].update(streams=[-1]), "TXF-I09"),
+    ("splits", lambda root: root["accessors"][_primitive(root)["extensions"]["TEXF_stream"]["splits"]].update(componentType=5126),
+     "TXF-I09"),
+    ("deflated", lambda root: [view.update(byteLength=1 << 31) for view in root["bufferViews"] if "extensions" in view],
+     "TXF-I41"),
+])
+def test_faults_of_other_types_and_sizes_are_refused_with_their_code(name, bend, code):
+    data = (HOME / name / "in.glb").read_bytes()
+    bend(root := tree_of(data))
+    exit_code, _, said = runner.own(with_tree(data, root))
+    assert exit_code and said.startswith(code)
+
+
 def test_the_runner_sees_other_texels():
     expected = json.loads((HOME / "one_primitive" / "expected.json").read_text(encoding="utf-8"))["primitives"]
     expected[0]["baseColorTexture"][0][0] += 9

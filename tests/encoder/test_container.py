@@ -288,7 +288,7 @@ def test_options_of_a_single_stream_are_refused(options, call, tmp_path):
 def test_options_of_an_atlas_do_not_apply_to_a_scene(call, tmp_path, coded):
     (tmp_path / "a.glb").write_bytes(coded["skinned"][1])
     assert call("texf-dec", tmp_path / "a.glb", tmp_path / "b.glb", "--compress", "draco")[0] == 1
-    assert call("texf-dec", tmp_path / "a.glb", tmp_path / "b.glb", "--texture-format", "png")[0] == 0
+    assert call("texf-dec", tmp_path / "a.glb", tmp_path / "b.glb", "--texture-format", "png", "--json")[0] == 0
 
 
 def test_the_tools_code_and_expand_a_scene(call, tmp_path):
@@ -297,6 +297,7 @@ def test_the_tools_code_and_expand_a_scene(call, tmp_path):
     code, out, _ = call("texf-enc", source, coded_file, "--effort", "fast", "--json")
     assert code == 0
     assert all(stream["supports"]["groups"] and stream["channels"][0]["bytes"] for stream in json.loads(out)["streams"])
+    assert "everything else" in call("texf-enc", source, tmp_path / "again.glb", "--effort", "fast")[1]
     code, out, _ = call("texf-dec", coded_file, plain)
     assert code == 0 and "ordinary glTF" in out
     assert kept_json(tree_of(plain.read_bytes())) == kept_json(tree_of(source.read_bytes()))

@@ -12,8 +12,9 @@ import trimesh
 from format_files import FACES, ascii_ply
 from mesh_files import RED_BLUE, SQUARE, SQUARE_UV, TWO, encoded, load_bytes, refusal, textured
 
+from texfcodec.errors import InputError
 from texfcodec.io.formats import FORMATS, SUFFIXES, format_of
-from texfcodec.io.load import load
+from texfcodec.io.load import load, read_source
 from texfcodec.io.placing import Placing
 
 OBJ = "mtllib m.mtl\nusemtl paint\nv 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nf 1/1 2/2 3/3\n"
@@ -57,6 +58,14 @@ def test_an_unknown_suffix_is_answered_with_the_list_and_a_guess(tmp_path):
     error = refusal(tmp_path, encoded(RED_BLUE), "a.fbx")
     assert error.code == "TXF-I05" and error.details["allowed"] == " ".join(SUFFIXES)
     assert error.details["looks_like"] == "a PNG image"
+
+
+def test_bytes_and_open_files_are_sources_and_numbers_are_none(tmp_path):
+    (tmp_path / "a.gltf").write_bytes(b"{}")
+    with (tmp_path / "a.gltf").open("rb") as file:
+        assert read_source(file) == (b"{}", tmp_path) and read_source(b"{}")[0] == b"{}"
+    with pytest.raises(InputError, match="TXF-I05"):
+        read_source(7)
 
 
 # Wrong magic.

@@ -497,6 +497,7 @@ def test_containers_that_are_too_long_or_too_short_are_told_apart(loaded, refuse
     builder = textured()
     error = refused(builder.with_buffers([{"byteLength": len(builder.blob), "uri": "data:,abc"}]))
     assert (error.code, error.message) == ("TXF-I10", "buffer 0 is shorter than its byteLength") and error.details["value"] == 3
+    assert refused(builder.with_buffers([{"byteLength": 3, "uri": 7}])).code == "TXF-I09"
 
 
 def test_more_faces_than_any_machine_follows_are_over_the_limit(refused, monkeypatch):
@@ -521,6 +522,8 @@ def test_sparse_index_out_of_range(refused):
     builder.tree["accessors"][primitive["attributes"]["POSITION"]]["sparse"] = sparse(
         builder, np.array([4], np.uint8), np.zeros((1, 3), np.float32))
     assert refused(builder).code == "TXF-I11"
+    builder.tree["accessors"][primitive["attributes"]["POSITION"]]["sparse"]["indices"]["componentType"] = 5126
+    assert refused(builder).code == "TXF-I09"
 
 
 @pytest.mark.parametrize("name, data, code", [

@@ -23,6 +23,8 @@ def hexes(colors):
     [FACE.replace("f", "#f"), *V, FACE, "#MRGB " + hexes(COLORS)],
     [*V[:2], "#MRGB " + hexes(COLORS[:2]), *V[2:], "#MRGB " + hexes(COLORS[2:]), FACE],
     [f"{v}\n#vcolor {r / 255} {g / 255} {b / 255}" for v, (r, g, b) in zip(V, COLORS, strict=True)] + [FACE],
+    [*V, *(f"#vcolor {r} {g} {b}" for r, g, b in COLORS), FACE],
+    [f"{v} {r} {g} {b}" for v, (r, g, b) in zip(V, COLORS, strict=True)] + ["#MRGB " + hexes(COLORS[::-1]), FACE],
     [f"{v} {r} {g} {b}" for v, (r, g, b) in zip(V, COLORS, strict=True)] + [FACE],
     [f"{v} {r / 255:.1f} {g / 255:.1f} {b / 255:.1f} 1.0" for v, (r, g, b) in zip(V, COLORS, strict=True)] + [FACE],
     [f"{v} 1.0 {r / 255:.1f} {g / 255:.1f} {b / 255:.1f}" for v, (r, g, b) in zip(V, COLORS, strict=True)] + [FACE],
@@ -47,6 +49,8 @@ def test_colours_in_comments_that_do_not_fit_are_a_loss(tmp_path, comment, lost)
 def test_alpha_behind_colours_and_weights_are_losses(tmp_path):
     rows = "\n".join(f"{v} 1 0 0 0.5" for v in V)
     assert "alpha of the colours" in load_bytes(tmp_path, f"{rows}\n{FACE}", "a.obj").dropped[0]
+    assert load_bytes(tmp_path, "\n".join([*(f"{v} 1 0 0 1 7" for v in V), FACE]), "a.obj").dropped == [
+        "numbers of vertices from the eighth on (OBJ statement 'v', 8 numbers)"]
     assert load_bytes(tmp_path, "\n".join([*(f"{v} 2" for v in V), FACE]), "a.obj").dropped == [
         "weights of vertices (OBJ statement 'v')"]
 
@@ -55,6 +59,8 @@ def test_curves_and_lines_are_counted_and_groups_refuse_nothing(tmp_path):
     text = "\n".join([*V, "mg 1 0.5", "s off", "g all", "cstype bezier", "deg 3", "curv 0 1 1 2 3 4", "parm u 0 1", "end",
                       "l 1 2", "l 2 3", FACE])
     assert load_bytes(tmp_path, text, "a.obj").dropped == ["1 free-form curve", "2 lines"]
+    scene = load_bytes(tmp_path, "\n".join([*V, "shadow_obj b.obj", "frob 1", FACE]), "a.obj")
+    assert scene.dropped == ["OBJ statement 'frob'"] and scene.remarks == ["OBJ statement 'shadow_obj' is left out"]
     assert load_bytes(tmp_path, "\n".join([*V, "mg 1 0.5", "s off", "lod 3", FACE]), "a.obj", strict=True).dropped == []
     assert len(load_bytes(tmp_path, "\r".join([*V, FACE.replace("f", "fo")]), "a.obj", strict=True).faces) == 2
 

@@ -95,10 +95,11 @@ def test_what_an_mtl_says_in_vain_leaves_the_material_white(text, dropped, warne
     assert notes.dropped == dropped and [warned in text for text in notes.warnings] == [True] * bool(warned)
 
 
-def test_a_number_that_is_none_is_named_with_its_line():
+@pytest.mark.parametrize("line", ["map_Kd -s one 1 a.png", "norm", "Ke nan 0 0"])
+def test_a_statement_that_cannot_be_read_is_named_with_its_line(line):
     with pytest.raises(InputError) as caught:
-        read_mtl(b"newmtl a\nmap_Kd -s one 1 a.png\n", Notes())
-    assert caught.value.code == "TXF-I20" and caught.value.details == {"line": 2, "value": "map_Kd -s one 1 a.png"}
+        read_mtl(f"newmtl a\n{line}\n".encode(), Notes())
+    assert caught.value.code == "TXF-I20" and caught.value.details == {"line": 2, "value": line}
 
 
 @pytest.mark.parametrize("line", ["map_Kd", "map_Kd -s 1 1", "map_Kd "])
@@ -222,11 +223,12 @@ def test_ply_texture_coordinates_and_colors_per_face(tmp_path, loaded):
 
 
 def test_ply_elements_that_are_not_read_are_named_and_headers_may_have_blanks(loaded):
-    head = ply("ascii", (), "").replace(b"ascii 1.0\n", b"ascii 1.0\n\ncomment\nelement edge 1\nproperty int a\n")
-    scene = loaded(head.replace(b"end_header\n", b"end_header\n7\n"), "a.ply")
+    elements = "".join(f"element {name} {rows}\nproperty int a\n" for name, rows in (("edge", 1), ("camera", 1), ("empty", 0)))
+    head = ply("ascii", (), "").replace(b"ascii 1.0\n", f"ascii 1.0\n\ncomment\n{elements}".encode())
+    scene = loaded(head.replace(b"end_header\n", b"end_header\n7\n8\n"), "a.ply")
     assert scene.faces.tolist() == [[0, 1, 2], [0, 2, 3]] and scene.metadata == {"comments": ["made here"]}
     assert scene.dropped == ["PLY element 'edge' (1 row)"]
-    assert scene.remarks == ["PLY property 'quality' of vertex is left out"]
+    assert scene.remarks == ["PLY element 'camera' is left out", "PLY property 'quality' of vertex is left out"]
 
 
 def test_ply_without_faces_has_no_triangles(refused):

@@ -33,7 +33,8 @@ def test_strips_are_those_of_the_naive_reading():
         assert strip_triangles(values.astype(np.int32), lengths[lengths > 0]).tolist() == expected
 
 
-@pytest.mark.parametrize("kind, letter, restart", [("int", "i", -1), ("uint", "I", 0xFFFFFFFF), ("short", "h", -1)])
+@pytest.mark.parametrize("kind, letter, restart", [("int", "i", -1), ("uint", "I", 0xFFFFFFFF), ("short", "h", -1),
+                                                   ("float", "f", -1)])
 def test_a_binary_strip_faces_one_way_across_its_restarts(tmp_path, kind, letter, restart):
     strip = [0, 1, 3, 2, restart, 3, 1, 2]
     head = (f"ply\nformat binary_big_endian 1.0\nelement vertex 4\n{XYZ}element tristrips 1\n"
@@ -41,6 +42,14 @@ def test_a_binary_strip_faces_one_way_across_its_restarts(tmp_path, kind, letter
     data = head.encode() + SQUARE.astype(">f4").tobytes() + struct.pack(f">i8{letter}", 8, *strip)
     scene = load_bytes(tmp_path, data, "a.ply", strict=True)
     assert scene.faces.tolist() == [[0, 1, 3], [3, 1, 2], [3, 1, 2]] and scene.remarks == []
+
+
+def test_colours_of_faces_are_a_loss_beside_those_of_vertices(tmp_path):
+    red = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+    points = [" ".join(map(str, point)) + " 255 0 0" for point in SQUARE.tolist()]
+    scene = load_bytes(tmp_path, ascii_ply(FACES + red, "4 0 1 2 3 0 0 255", points, red), "a.ply")
+    assert scene.dropped == ["colours of faces (the vertices have colours too)"]
+    assert scene.corner_color[..., :3].reshape(-1, 3).tolist() == [[1, 0, 0]] * 6
 
 
 def test_faces_and_strips_of_one_file_are_both_read(tmp_path):
@@ -52,16 +61,17 @@ def test_faces_and_strips_of_one_file_are_both_read(tmp_path):
     assert scene.corner_color[:, 0, :3].tolist() == [[1, 0, 0], [1, 1, 1]]
 
 
-def test_a_range_grid_becomes_triangles_that_face_the_scanner(tmp_path):
+@pytest.mark.parametrize("depth, jumps, says", [(-400, 6, ["6 triangles across jumps in depth left out"]), (0.2, 0, [])])
+def test_a_range_grid_becomes_triangles_that_face_the_scanner(tmp_path, depth, jumps, says):
     x, y = np.meshgrid(np.arange(5.0), np.arange(4.0))
     points = np.stack([x, y, 0.1 * x], axis=-1).reshape(-1, 3)
-    points[7, 2] = -400  # the far wall
+    points[7, 2] = depth  # of the far wall
     rows = [f"1 {number}" if number != 19 else "0" for number in range(20)]
     text = ascii_ply("element range_grid 20\nproperty list uchar int vertex_indices\n", "\n".join(rows), points,
                      head="obj_info num_cols 5\nobj_info num_rows 4\n")
     scene = load_bytes(tmp_path, text, "a.ply", strict=True)
     assert (facing(scene)[:, 2] > 0).all() and scene.positions[:, 2].min() == 0
-    assert len(scene.faces) == 23 - 6 and "6 triangles across jumps in depth" in scene.remarks[0]
+    assert len(scene.faces) == 23 - jumps and scene.remarks[:-1] == says  # the last is of vertices without faces
 
 
 def test_a_range_grid_without_its_size_is_named(tmp_path):
@@ -94,7 +104,8 @@ def test_colours_are_found_by_any_names_that_say_it(tmp_path, names):
 @pytest.mark.parametrize("property_, row, lost", [
     ("property float ambient_red\nproperty float ambient_green\nproperty float ambient_blue\n", " 1 0 0",
      ["PLY property 'ambient_red' of vertex", "PLY property 'ambient_green' of vertex", "PLY property 'ambient_blue' of vertex"]),
-    ("property float rgb\n", " 1", ["PLY property 'rgb' of vertex"]), ("property float confidence\n", " 1", []),
+    ("property float rgb\n", " 1", ["PLY property 'rgb' of vertex"]),
+    ("property float red\n", " 1", ["PLY property 'red' of vertex"]), ("property float confidence\n", " 1", []),
     ("property float Quality\nproperty int scalar_Depth\n", " 1 2", []),
 ])
 def test_a_property_that_could_show_is_a_loss_and_a_measurement_is_not(tmp_path, property_, row, lost):

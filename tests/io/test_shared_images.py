@@ -12,7 +12,7 @@ from texfcodec.encoder.encode import encode_scene
 from texfcodec.io.load import load
 from texfcodec.io.save import save
 from texfcodec.options import EncodeOptions
-from texfcodec.scene.scene import Material, Scene, Texture
+from texfcodec.scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material, Scene, Texture
 from texfcodec.scene.srgb import linear_to_srgb, srgb_to_linear
 
 OPAQUE = np.array([0, 0, 0, 255], np.uint8)
@@ -66,15 +66,21 @@ def test_a_glb_of_many_tints_is_hardly_larger_than_of_one_at_a_lossy_rate(tmp_pa
     assert sizes["tints"] < 1.5 * sizes["plain"]
 
 
-@pytest.mark.parametrize("change", ["patch", "other image", "wrap"])
+@pytest.mark.parametrize("change", ["patch", "faint patch", "alpha", "other image", "wrap"])
 def test_images_that_are_no_multiples_stay_apart(tmp_path, change):
     image = waves(1, 64, 64) | OPAQUE
+    if change == "alpha":
+        image[:, :32, 3] = 128
     other = image.copy()
-    if change == "patch":
+    if change == "alpha":
+        other[..., 3] = image[:, ::-1, 3]
+    elif change == "faint patch":  # too faint for the error of the whole image
+        other[8:16, 8:16, :3] ^= 16
+    elif change == "patch":
         other[8:16, 8:16, :3] = 255 - other[8:16, 8:16, :3]
     elif change == "other image":
         other = noise(3, 64, 64)
-    scene = side_by_side(tints(2), [image, other])
+    scene = side_by_side(tints(2, alpha_mode=ALPHA_BLEND if change == "alpha" else ALPHA_OPAQUE), [image, other])
     scene.materials[1].texture = 1
     if change == "wrap":
         scene.textures[1].wrap = (1, 1)

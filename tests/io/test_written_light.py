@@ -224,6 +224,25 @@ def test_an_alpha_image_of_its_own_joins_that_of_the_colour(tmp_path):
     assert material.alpha_mode == ALPHA_BLEND and np.array_equal(scene.textures[material.texture].image[..., 3], grey)
 
 
+def test_an_alpha_image_without_one_of_colour_makes_white_that_blends(tmp_path):
+    grey = np.tile(np.arange(0, 256, 16, dtype=np.uint8), (16, 1))
+    (texture,) = read(tmp_path, "map_d d.png\n", d=grey).textures
+    assert (texture.image[..., :3] == 255).all() and np.array_equal(texture.image[..., 3], grey)
+
+
+def test_a_roughness_of_0_beside_its_map_means_the_map_and_a_map_at_another_place_is_named(tmp_path):
+    scene = read(tmp_path, "map_Kd c.png\nPr 0\nmap_Pr -s 2 2 r.png\n", c=waves(1)[..., :3], r=waves(2)[..., :3])
+    assert factor_of(scene.materials[0].parameters, "roughness") == (1.0,) and "roughness" in scene.materials[0].maps
+    assert scene.dropped == ["-s, -o or -clamp of map_Pr of material 'm', which differ from those of its first image"]
+
+
+def test_an_image_of_squares_is_named_by_an_obj(tmp_path):
+    scene = mapped_sheet({}, waves(3))
+    scene.textures[0].nearest = True
+    assert "OBJ cannot hold how an image is filtered: texels of a.png, which are squares, are blended" in save(
+        coded(scene), tmp_path / "a.obj")["warnings"]
+
+
 def test_a_map_that_is_missing_is_named(tmp_path):
     scene = read(tmp_path, "map_Pr gone.png\n")
     assert any("gone.png" in text for text in scene.warnings) and not scene.materials[0].maps

@@ -80,7 +80,7 @@ def test_slices_and_buffers_of_any_size_make_no_difference_to_the_decoder(models
     plain = there_and_back(3, Tools(models=models), 4)[1]
     with patch.multiple(attribute_coder, WHOLE_VOXELS=1, SLICE_VOXELS=8, SLICE_NODES=2):
         assert len(there_and_back(3, Tools(models=models), 4, 0)[1].codewords) > 2
-    with patch.object(attribute_coder, "FIRST_ROOM", 6):  # too little: some levels are coded again
+    with patch.multiple(attribute_coder, FIRST_ROOM=6, FEW_SYMBOLS=0):  # too little: some levels are coded again
         assert there_and_back(3, Tools(models=models), 4)[1] == plain
 
 

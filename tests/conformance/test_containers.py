@@ -9,6 +9,8 @@ from gltf_scenes import tree_of, with_tree
 from conformance import run_containers as runner
 from conformance.make.containers import HOME, unkept
 from fuzz.trees import paths_of
+from texfcodec.errors import InputError
+from texfcodec.io.container.layout import open_scene_file, streams_of
 
 CASES = sorted(path.parent.name for path in HOME.glob("*/expected.json"))
 GOOD = [name for name in CASES if not name.startswith("faulty_")]
@@ -70,7 +72,6 @@ def test_the_runner_fails_an_expander_that_is_wrong(name, bend, words):
 
 
 @pytest.mark.parametrize("name, bend, code", [
-    ("splits", lambda root: root["extensions"]["TEXF_stream"].update(streams=[-1]), "TXF-I09"),
     ("splits", lambda root: root["accessors"][_primitive(root)["extensions"]["TEXF_stream"]["splits"]].update(componentType=5126),
      "TXF-I09"),
     ("deflated", lambda root: [view.update(byteLength=1 << 31) for view in root["bufferViews"] if "extensions" in view],
@@ -81,6 +82,13 @@ def test_faults_of_other_types_and_sizes_are_refused_with_their_code(name, bend,
     bend(root := tree_of(data))
     exit_code, _, said = runner.own(with_tree(data, root))
     assert exit_code and said.startswith(code)
+
+
+def test_a_reader_of_streams_alone_refuses_those_that_are_no_indices():
+    data = (HOME / "splits" / "in.glb").read_bytes()
+    (root := tree_of(data))["extensions"]["TEXF_stream"].update(streams=[-1])
+    with pytest.raises(InputError, match="TXF-I09"):
+        streams_of(open_scene_file(with_tree(data, root)))
 
 
 def test_the_runner_sees_other_texels():

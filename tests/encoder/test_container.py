@@ -304,6 +304,8 @@ def test_the_tools_code_and_expand_a_scene(call, tmp_path):
     assert call("texf-dec", coded_file, tmp_path / "plain.obj")[0] == 1
     code, _, said = call("texf-dec", coded_file, tmp_path / "both.glb", "--carry-stream", "--fallback-faces", 9)
     assert code == 0 and "primitive 0 of mesh 1 has no fallback: JOINTS_0, WEIGHTS_0" in said
+    out = call("texf-dec", coded_file, tmp_path / "as_json.glb", "--carry-stream", "--json")[1]
+    assert json.loads(out)["carried"]["stream"] > 0
 
 
 @pytest.mark.parametrize(("mode", "is_rotation"), [("LINEAR", False), ("STEP", False), ("LINEAR", True)])

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from shapes import sphere, square
 
+from texfcodec.geometry import tangents
 from texfcodec.geometry.tangents import corner_tangents, has_uv_area
 
 ASSETS = Path(__file__).resolve().parents[3] / "shared" / "assets"
@@ -121,3 +122,11 @@ def test_tangents_are_unit_and_orthogonal_whatever_comes():
 def test_no_faces_have_no_tangents():
     got = corner_tangents(np.zeros((0, 3)), np.zeros((0, 3), np.int64), np.zeros((0, 3, 2)), np.zeros((0, 3, 3), np.float32))
     assert got.shape == (0, 3, 4)
+
+
+def test_corners_are_grouped_alike_where_their_mixed_bits_collide(monkeypatch):
+    rows = np.random.default_rng(3).integers(0, 3, (200, 4)).astype(np.float64)
+    expected = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
+    monkeypatch.setattr(tangents, "MIX", np.int64(0))
+    pairs = np.unique(np.stack([tangents._groups(rows[:, :3], rows[:, 3:]), expected]), axis=1)
+    assert pairs.shape[1] == len(np.unique(pairs[0])) == len(np.unique(pairs[1])) > 20

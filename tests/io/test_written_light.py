@@ -236,6 +236,11 @@ def test_a_roughness_of_0_beside_its_map_means_the_map_and_a_map_at_another_plac
     assert scene.dropped == ["-s, -o or -clamp of map_Pr of material 'm', which differ from those of its first image"]
 
 
+def test_a_dry_run_says_what_becomes_of_each_map(call, tmp_path):
+    read(tmp_path, "map_Pr r.png\n", r=waves(2)[..., :3])
+    assert "\n  roughness: " in call("texf-enc", tmp_path / "a.obj", "--dry-run")[1]
+
+
 def test_an_image_of_squares_is_named_by_an_obj(tmp_path):
     scene = mapped_sheet({}, waves(3))
     scene.textures[0].nearest = True

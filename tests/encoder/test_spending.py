@@ -120,8 +120,8 @@ def test_a_small_share_of_a_jpeg_does_not_take_the_quality_of_a_small_unit():
 
     coder = Requests.of(EncodeOptions(rate="r03")).price.planes
     small = code(coder, 60)
-    assert choose_qp(small, code, coder, 10_000, 20.0, None).value is small
-    assert choose_qp(code(coder), code, coder, 10_000, 20.0, None).evidence["qp"] == max(tried) == 28 + 18
+    assert choose_qp(small, code, coder, 10_000, 20.0, float).value is small
+    assert choose_qp(code(coder), code, coder, 10_000, 20.0, float).evidence["qp"] == max(tried) == 28 + 18
 
 
 def test_what_an_image_file_allows_is_the_same_quality_from_any_rate():
@@ -135,5 +135,5 @@ def test_what_an_image_file_allows_is_the_same_quality_from_any_rate():
     coder, found = Requests.of(EncodeOptions(rate="r03")).price.planes, []
     for qp in range(16, 26):
         at = coder.at(qp=qp)
-        found.append(choose_qp(code(at), code, at, 1.0, 11_549.0, None).evidence.get("qp", qp))
+        found.append(choose_qp(code(at), code, at, 1.0, 11_549.0, float).evidence.get("qp", qp))
     assert found == [23] * 8 + [24, 25]

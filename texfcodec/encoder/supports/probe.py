@@ -247,8 +247,7 @@ def _coded(plane, support, region, quality):
     channels = COLOURS if name is None else (BY_NAME[name],)
     for part, channel in zip(parts, channels, strict=False):
         coder = quality.for_group(Group((channel,)), region.scene.weights).roughly()
-        variables = {"NumComponents": part.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
-        count, values = coder.size(np.ascontiguousarray(part), support, variables)
+        count, values = coder.size(np.ascontiguousarray(part), support)
         size += count
         decoded.append(values)
     return 8 * size / len(plane), np.concatenate(decoded, axis=1)
@@ -309,9 +308,9 @@ def _well_inside(place, cell, cells):
     return inner if len(inner) > LEAST_POINTS else np.flatnonzero(there)
 
 
-def probe_texels(region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int, is_rough: bool = False) -> Probe:
+def probe_texels(region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int) -> Probe:
     """Return the Probe of the texels of a TexelPlan in sampled cells (squares). keys: int64 [N], Morton keys of the texels that
-    the plan covers; cell: log2 of a square's side in texels; is_rough: of base colour alone, by means instead of a fit."""
+    the plan covers; cell: log2 of a square's side in texels."""
     texel = np.einsum("nc,ncd->nd", region.bary, plan.group.uv[region.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
     sample = _sampled_cells(region, place.astype(np.int64), cell, TEXEL_CELLS, keys)
@@ -320,8 +319,6 @@ def probe_texels(region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: 
     chosen = _well_inside(place, cell, cells)
     shares = sample.of_points(_cell_keys(np.floor(place[chosen]).astype(np.int64), cell))
     points = _Points(chosen, shares, lambda plane: support.query(texel[chosen], plane, region.threads))
-    if is_rough:
-        return Probe(len(keys), support, points, (_part(region, region.values(plan.rough_values(support.xy())), points),))
     parts = tuple(_part(part, _texels_of(plan, part, support), points) for part in (*region.maps.values(), region))
     return Probe(len(keys), support, points, parts)
 

@@ -84,17 +84,6 @@ class TexelPlan(Generic[Faces]):
             out[inside] = fitted[at[:, 1], at[:, 0]]
         return out
 
-    def rough_values(self, xy: np.ndarray) -> np.ndarray:
-        """Return the same as values(), but means of the image's texels instead of their best fit."""
-        group = self.group
-        ratio = np.array(group.size) / self.size
-        steps = np.maximum(ratio.astype(int), 1)
-        total = np.zeros((len(xy), 4), np.float32)
-        for offset in np.ndindex(*steps):
-            at = np.floor((xy + (np.array(offset) + 0.5) / steps) * ratio).astype(np.int64)
-            total += group.values(group.image[at[:, 1], at[:, 0]])
-        return total / steps.prod()
-
     def values_of_map(self, name: str, surface: Surface, support: TexelSupport, threads: int) -> tuple[np.ndarray, int]:
         """Return (values of one of the group's maps at the field's texels, levels): float32 [n, C] for the texels of
         support.coarser(levels). Levels are above 0 if a map, smaller than the field by a power of two, keeps its own texels.

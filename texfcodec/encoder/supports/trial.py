@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 MOST_SHORT, AIMED_SHORT = 4.0, 3.0  # dB under the QP's promise: of base colour at most, and what trials, a dB off, aim at
 MOST_COARSER = 9  # offset that slopes may ask for
 MOST_TURNS = 2  # codings of a trial beyond the first, where slopes point too far away
-LEAST_OF_MEANS = 0.45  # of the squared error of means, that a fit of a smaller image has: 0.49 to 1.1 on 12 assets
 SURE = 0.88  # of the cost without, from which on they are followed
 
 
@@ -69,10 +68,6 @@ class Trials:
             -> TrialCoding | None:
         """Return the TrialCoding of a TexelPlan at the QP of least cost, coded in squares with a side of 2**cell texels; None if
         it is certain to cost `most` bytes. keys: int64 [N], Morton keys of the texels that the plan covers."""
-        if most < math.inf:
-            rough = probe_texels(region, plan, keys, cell, is_rough=True)
-            if self.price.cost(0, LEAST_OF_MEANS * rough.least_error, region.weight) >= most:
-                return None
         return self._settled(probe_texels(region, plan, keys, cell), region, len(keys), most)
 
     def voxels(self, region: SampleRegion, resolution: int, cell: int) -> TrialCoding:

@@ -90,10 +90,11 @@ class Coder:
         the plane as a decoder gets it), as PlaneCodec.enc does."""
         return self.codec.enc(plane, support, self.settings)
 
-    def size(self, plane: np.ndarray, support: VoxelSupport | TexelSupport, variables: dict) -> tuple[int, np.ndarray]:
+    def size(self, plane: np.ndarray, support: VoxelSupport | TexelSupport) -> tuple[int, np.ndarray]:
         """Code a plane, float32 [N, C] in 0..255, and return (bytes of the codec's part of a unit, the plane as a decoder gets
-        it). variables: syntax values from other units that this part depends on, as of bitstream.stream.attribute_variables."""
+        it)."""
         values, decoded = self.code(plane, support)
+        variables = {"NumComponents": plane.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
         return len(self.codec.write_parameters({**values, **variables})), decoded
 
 

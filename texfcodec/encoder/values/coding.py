@@ -23,7 +23,7 @@ from ..prepare.uniform_colour import uniform_colour
 from .map_planes import errors_of, joined, with_grey, with_maps
 from .refinement import refine_fields
 from .source_field import SourceField, field_keys, transferred, uniform_field
-from .unit_qp import CodedUnit, choose_qp, image_budgets
+from .unit_qp import CodedUnit, choose_qp, estimated_bytes, image_budgets
 
 if TYPE_CHECKING:
     from ...report import Report
@@ -178,8 +178,12 @@ def _unit(filled: Filled, stream: Stream, place: tuple[int, int], bounds: tuple[
         size = len(coder.codec.write_parameters(values | attribute_variables(stream, values)))
         return CodedUnit(codec=coder.codec, values=values, bytes=size, plane=plane, decoded=decoded)
 
+    def exact_bytes():
+        key = _UnitKey(("estimated bytes", *coder.exactly().signature), content)
+        return cache.get(key, lambda: estimated_bytes(plane, support, coder))
+
     if part.exact:
         return Decision(code(coder.exactly()), {})
     weights, channel = filled.source.scene.weights, group.channels[0]
     coder, weight = coder.for_group(group, weights), weights.get(channel.name, channel.weight)
-    return choose_qp(code(coder), code, coder, filled.price.cost(0, weight, share), budget, support)
+    return choose_qp(code(coder), code, coder, filled.price.cost(0, weight, share), budget, exact_bytes)

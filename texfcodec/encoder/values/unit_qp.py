@@ -54,35 +54,35 @@ def _kinds(plane):
     return len(np.unique(packed))
 
 
-def exact_bytes(plane: np.ndarray, support: VoxelSupport | TexelSupport, coder: Coder) -> float:
+def estimated_bytes(plane: np.ndarray, support: VoxelSupport | TexelSupport, coder: Coder) -> float:
     """Return an estimate of the bytes of values, float32 [N, C] on the keys of a support, coded exactly: that of a sample of
     them; 0 if they are too few to have one."""
     if len(plane) < SAMPLE * LEAST_SAMPLE:
         return 0.0
     run = len(plane) // (SAMPLE * RUNS)
     rows = (np.linspace(0, len(plane) - run, RUNS).astype(int)[:, None] + np.arange(run)).ravel()
-    variables = {"NumComponents": plane.shape[1], "resolution": 1 << support.depth, "Planar": int(support.planar)}
     sample = replace(support, keys=support.keys[rows])
-    return len(plane) / len(rows) * coder.exactly().roughly().size(np.ascontiguousarray(plane[rows]), sample, variables)[0]
+    return len(plane) / len(rows) * coder.exactly().roughly().size(np.ascontiguousarray(plane[rows]), sample)[0]
 
 
 def choose_qp(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder, worth: float, budget: float | None,
-              support: VoxelSupport | TexelSupport) -> Decision[CodedUnit]:
+              exact_bytes: Callable[[], float]) -> Decision[CodedUnit]:
     """Return the Decision on a coded attribute unit: the first, which has the coder's QP, or the same values coded exactly or
     coarser.
 
     code: function that codes the same values with another coder; worth: bytes that a squared error of the unit's values is
-    worth; budget: bytes of the image files behind the unit, None if these set no quality; support: of the values. The first stays
-    if nothing is gained. The evidence says why the QP is not the requested one.
+    worth; budget: bytes of the image files behind the unit, None if these set no quality; exact_bytes: estimates the bytes of exact
+    values. The first stays if nothing is gained. The evidence says why the QP is not the requested one.
     """
     if coder.qp is None or not first.bytes:
         return Decision(first, {})
     error = float(((first.decoded - np.rint(first.plane)) ** 2).mean())
     if error and has_few_colours(first.plane):
         most = first.bytes + max(EXACT_BYTES, worth * error)
-        exact = first if exact_bytes(first.plane, support, coder) > HOPELESS * most else code(coder.exactly())
-        if exact is not first and exact.bytes <= most:
-            return Decision(exact, {"exact": True, "bytes_at_qp": first.bytes})
+        if exact_bytes() <= HOPELESS * most:
+            exact = code(coder.exactly())
+            if exact.bytes <= most:
+                return Decision(exact, {"exact": True, "bytes_at_qp": first.bytes})
     if budget is None or first.bytes <= budget + LEAST_SAVED:
         return Decision(first, {})
     return _within(first, code, coder, budget)

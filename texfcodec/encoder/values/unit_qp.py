@@ -71,8 +71,8 @@ def choose_qp(first: CodedUnit, code: Callable[[Coder], CodedUnit], coder: Coder
     coarser.
 
     code: function that codes the same values with another coder; worth: bytes that a squared error of the unit's values is
-    worth; budget: bytes of the image files behind the unit, None if these set no quality; exact_bytes: estimates the bytes of exact
-    values. The first stays if nothing is gained. The evidence says why the QP is not the requested one.
+    worth; budget: bytes of the image files behind the unit, None if these set no quality; exact_bytes: estimates the bytes of
+    exact values. The first stays if nothing is gained. The evidence says why the QP is not the requested one.
     """
     if coder.qp is None or not first.bytes:
         return Decision(first, {})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -118,17 +118,13 @@ def render_scene(scene: Scene, camera: Camera, cull: bool = True, threads: int =
 
 
 def render_lights(scene: Scene, camera: Camera, lights: Sequence[Lighting | None], cull: bool = True, threads: int = 1,
-                  source: PackedSource | Textures | None = None,
-                  chosen: Callable[[Fragments], np.ndarray] | None = None) -> list[Picture]:
+                  source: PackedSource | Textures | None = None) -> list[Picture]:
     """Draw a Scene in several lights from the same camera. If all is opaque, visibility and base colour are computed once.
 
     Parameters
     ----------
     lights : sequence of Lighting or None
         Of the scene; None: the base colour as it is.
-    chosen : function, optional
-        From all Fragments to the numbers of those that are coloured, int64 [n]; all others are left out. It is not called if a
-        material lets light through.
     scene, camera, cull, threads, source
         As of render_scene().
 
@@ -145,7 +141,28 @@ def render_lights(scene: Scene, camera: Camera, lights: Sequence[Lighting | None
             return source.colours(camera, fragments, threads)
         return shade_source(source, fragments, threads)
 
-    return _render(triangles, scene.materials, scene.face_material, threads, shade, lights, chosen=chosen)
+    return _render(triangles, scene.materials, scene.face_material, threads, shade, lights)
+
+
+def colour_fragments(camera: Camera, fragments: Fragments, lights: Sequence[Lighting | None],
+                     source: PackedSource) -> list[Picture]:
+    """Draw some fragments of an opaque Scene in several lights.
+
+    Parameters
+    ----------
+    camera : Camera
+        As for the fragments.
+    fragments : Fragments
+        All visible points, or some; the pictures show no others.
+    lights, source
+        As of render_lights().
+
+    Returns
+    -------
+    list of Picture
+        One for each light.
+    """
+    return _coloured(camera, fragments, partial(shade_source, source), lights)
 
 
 def render_texf(texf: Texf, camera: Camera, cull: bool = True, filtering: bool = True, threads: int = 1,
@@ -255,18 +272,20 @@ def shade_field(texf: Texf, camera: Camera, fragments: Fragments, positions: np.
     return out
 
 
-def _render(triangles, materials, face_material, threads, shade, lights, filtering=True, chosen=None):
+def _coloured(camera, fragments, shade, lights, filtering=True, threads=1):
+    """Pictures of opaque fragments, one for each light; the arguments are as of _render()."""
+    rgba, alpha = shade(fragments), np.ones(len(fragments.pixel), np.float32)
+    colours = [_in_light(light, camera, fragments, rgba, filtering, threads) for light in lights]
+    return [Picture(camera.width, camera.height, fragments.pixel, colour, alpha) for colour in colours]
+
+
+def _render(triangles, materials, face_material, threads, shade, lights, filtering=True):
     """Pictures of triangles, one for each light; a single pass if every face is opaque. shade: Fragments -> float32 [M, 4], base
-    colour and alpha; chosen: as of render_lights()."""
+    colour and alpha."""
     camera = triangles.camera
     width, height = camera.width, camera.height
     if not see_through(materials, face_material):
-        fragments = visible(triangles, threads)
-        if chosen is not None:
-            fragments = fragments.rows(chosen(fragments))
-        rgba, alpha = shade(fragments), np.ones(len(fragments.pixel), np.float32)
-        return [Picture(width, height, fragments.pixel, _in_light(light, camera, fragments, rgba, filtering, threads), alpha)
-                for light in lights]
+        return _coloured(camera, visible(triangles, threads), shade, lights, filtering, threads)
 
     def layer(fragments, light):
         rgba = shade(fragments)

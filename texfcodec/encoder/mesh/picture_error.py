@@ -19,10 +19,12 @@ from ...geometry.areas import relative_areas
 from ...geometry.canonical import MAX_BITS, fit_cube
 from ...geometry.shading_normals import corner_normals
 from ...render.camera import bounding_sphere, fibonacci_direction, orthographic
+from ...render.depth_layers import see_through
 from ...render.lighting import Lighting
 from ...render.lit_scene import SceneMaps
 from ...render.material_effects import ShadingTable
-from ...render.shade import render_lights
+from ...render.raster import rasterise
+from ...render.shade import colour_fragments, render_lights
 from ...scene.channels import NORMAL_MAPS
 from ...scene.fetch import pack_source
 from ...scene.normal_rule import BOTH, FLAT, JOINED, MOST_ANGLE, NormalRule
@@ -84,33 +86,6 @@ class _Seen(NamedTuple):
     weight: np.ndarray | None
 
 
-class _Look:
-    """The choice of pixels that are coloured. first: what was seen of the same faces elsewhere; None if all pixels are."""
-
-    def __init__(self, first: _Seen | None) -> None:
-        self.first = None if first is None else first.fragments
-        self.fragments: Fragments | None = None
-        self.weight: np.ndarray | None = None
-
-    def __call__(self, fragments: Fragments) -> np.ndarray:
-        """Return the numbers of the fragments to colour: where another face is seen than first, and EVERY other one."""
-        self.fragments = fragments
-        if self.first is None:
-            return np.arange(len(fragments.pixel))
-        _, before, rows = np.intersect1d(self.first.pixel, fragments.pixel, assume_unique=True, return_indices=True)
-        changed = self.first.face[before] != fragments.face[rows]
-        some = changed | (np.arange(len(rows)) % EVERY == 0)
-        self.weight = np.where(changed, 1.0, EVERY)[some]
-        return rows[some]
-
-    def seen(self, pictures: list[Picture]) -> _Seen:
-        """Return the _Seen of pictures that were drawn with this choice."""
-        drawn = pictures[0]
-        covered = np.zeros((drawn.height, drawn.width), bool)
-        covered.ravel()[drawn.pixel if self.fragments is None else self.fragments.pixel] = True
-        return _Seen(covered, self.fragments, pictures, self.weight)
-
-
 class _Shot(NamedTuple):
     """Cameras that see all of a scene or a small part of it. faces: bool [F] of the source's, None for all; seen: _Seen of the
     source, by camera."""
@@ -150,8 +125,16 @@ class PictureComparison:
             scene = replace(scene, faces=np.where(shown[:, None], scene.faces, 0))
 
         def look(number):
-            choice = _Look(None if seen is None else seen[number])
-            return choice.seen(render_lights(scene, cameras[number], lights, source=source, chosen=choice))
+            camera = cameras[number]
+            if see_through(scene.materials, scene.face_material):
+                pictures = render_lights(scene, camera, lights, source=source)
+                return _Seen(_covered(pictures[0]), None, pictures, None)
+            fragments, weight = rasterise(camera, scene.positions, scene.faces), None
+            covered, coloured = _covered(fragments), fragments
+            if seen is not None:
+                rows, weight = _changed(seen[number].fragments, fragments)
+                coloured = fragments.rows(rows)
+            return _Seen(covered, fragments, colour_fragments(camera, coloured, lights, source), weight)
 
         first = look(0)  # makes what all share, tangents for one, which two threads would make twice
         return [first, *in_order(look, range(1, len(cameras)), self.threads)]
@@ -238,6 +221,22 @@ def _turned(surface, normals, wanted):
     angle = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
     area = relative_areas(surface.cube.to_world(surface.lattice), surface.faces)
     return float((angle**2).mean(axis=1) @ area / (area.sum() or 1.0))
+
+
+def _changed(first, fragments):
+    """Return (numbers of fragments to colour, int64 [n]; pixels that each stands for, float64 [n]) of those that first shows too:
+    where another face is seen, and EVERY other one."""
+    _, before, rows = np.intersect1d(first.pixel, fragments.pixel, assume_unique=True, return_indices=True)
+    changed = first.face[before] != fragments.face[rows]
+    some = changed | (np.arange(len(rows)) % EVERY == 0)
+    return rows[some], np.where(changed, 1.0, EVERY)[some]
+
+
+def _covered(drawn):
+    """Return the pixels that a Picture or Fragments cover, bool [H, W]."""
+    covered = np.zeros((drawn.height, drawn.width), bool)
+    covered.ravel()[drawn.pixel] = True
+    return covered
 
 
 def _uncovered(a, b):

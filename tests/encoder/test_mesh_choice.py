@@ -5,9 +5,10 @@ import pytest
 
 from texfcodec.api import decode, encode_to_result
 from texfcodec.encoder.caches import Cache
+from texfcodec.encoder.mesh import picture_error
 from texfcodec.encoder.mesh.choice import MeshChoice
 from texfcodec.encoder.mesh.drawn_source import FetchedNormals, draw_onto
-from texfcodec.encoder.mesh.picture_error import SMOOTH, PictureError
+from texfcodec.encoder.mesh.picture_error import SMOOTH, PictureComparison, PictureError
 from texfcodec.encoder.price import Lagrangian
 from texfcodec.encoder.requests import Requests
 from texfcodec.encoder.supports import reference_density
@@ -85,6 +86,24 @@ def test_more_bits_are_taken_by_what_is_seen_at_each(monkeypatch):
     usual = make_surface(scene, options)
     finer = MeshChoice(scene, usual, Requests.of(options).price, Requests.of(options).mesh, 1.0, Cache()).finer()
     assert finer.cube.position_bits == 17
+
+
+def test_a_fourth_of_the_pixels_tells_the_error_of_a_moved_surface(monkeypatch):
+    """Two layers close to each other, so that some pixels show another face on a coarse lattice: those all count."""
+    low, high = bowl(16), bowl(16)
+    faces = np.concatenate([low.faces, high.faces + len(low.positions)])
+    scene = Scene(np.concatenate([low.positions, high.positions + [0, 0, 3e-3]]), faces, np.repeat([0, 1], len(low.faces)),
+                  np.concatenate([low.corner_uv, 1 - high.corner_uv]), None, [Material(texture=0, unlit=True)] * 2, low.textures)
+    coarse, drawn, errors, pixels = make_surface(scene, EncodeOptions(position_bits=9)), [], [], []
+    colour = picture_error.colour_fragments
+    monkeypatch.setattr(picture_error, "colour_fragments", lambda *given: drawn.append(len(given[1].pixel)) or colour(*given))
+    for every in (1, picture_error.EVERY):
+        monkeypatch.setattr(picture_error, "EVERY", every)
+        pictures = PictureComparison(scene, make_surface(scene, EncodeOptions()), 0.0, 1)
+        drawn.clear()
+        errors.append(pictures.of(coarse, pictures.normals_of(coarse)).mse)
+        pixels.append(sum(drawn))
+    assert errors[0] > 1 and abs(errors[1] / errors[0] - 1) < 0.05 and pixels[1] < 0.6 * pixels[0]
 
 
 def test_the_report_says_what_was_tried_and_what_it_cost(smaller):

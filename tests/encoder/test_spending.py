@@ -13,7 +13,7 @@ from texfcodec import EncodeOptions, Report, decode
 from texfcodec.encoder.encode import encode_scene
 from texfcodec.encoder.place.prefilter_textures import prefilter_textures
 from texfcodec.encoder.requests import Requests
-from texfcodec.encoder.values.unit_qp import LEAST_SAVED, CodedUnit, choose_qp, has_few_colours
+from texfcodec.encoder.values.unit_qp import EXACT_BYTES, HOPELESS, LEAST_SAVED, CodedUnit, choose_qp, has_few_colours
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.load import load
 from texfcodec.metrics.psnr_3d import measure
@@ -122,6 +122,20 @@ def test_a_small_share_of_a_jpeg_does_not_take_the_quality_of_a_small_unit():
     small = code(coder, 60)
     assert choose_qp(small, code, coder, 10_000, 20.0, float).value is small
     assert choose_qp(code(coder), code, coder, 10_000, 20.0, float).evidence["qp"] == max(tried) == 28 + 18
+
+
+@pytest.mark.parametrize("share, is_tried", [(0.9, True), (1.1, False)])
+def test_exact_values_are_coded_only_where_an_estimate_leaves_them_a_chance(share, is_tried):
+    plane, tried = np.repeat(np.arange(4, dtype=np.float32), 100)[:, None], []
+
+    def code(coder):
+        tried.append(coder.qp)
+        return CodedUnit(codec=None, values={}, bytes=1000, plane=plane, decoded=np.zeros((400, 1), np.uint8))
+
+    coder = Requests.of(EncodeOptions(rate="r03")).price.planes
+    most = 1000 + EXACT_BYTES
+    choose_qp(code(coder), code, coder, 0.0, None, lambda: share * HOPELESS * most)
+    assert (None in tried) == is_tried
 
 
 def test_what_an_image_file_allows_is_the_same_quality_from_any_rate():

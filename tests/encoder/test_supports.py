@@ -17,6 +17,8 @@ from texfcodec.encoder.requests import Requests
 from texfcodec.encoder.stages import Prepared
 from texfcodec.encoder.supports import choice as supports
 from texfcodec.encoder.supports.choice import FINER_COST, choose_supports
+from texfcodec.encoder.supports.image_groups import image_groups
+from texfcodec.encoder.supports.texel_plan import TexelPlan
 from texfcodec.encoder.supports.trial import Trials
 from texfcodec.geometry.surface import make_surface
 from texfcodec.io.load import load
@@ -196,6 +198,17 @@ def test_a_smaller_image_is_closer_than_one_with_texels_left_out():
 
 
 @pytest.mark.slow
+def test_a_smaller_image_around_a_few_texels_is_nearly_that_of_the_whole():
+    scene = wall(smooth_image(256, 256))
+    surface = make_surface(scene, EncodeOptions())
+    (group,) = image_groups(scene, surface)
+    plan, (x, y) = TexelPlan(group, (128, 128), 2), np.mgrid[40:60, 90:110]
+    xy = np.stack([x.ravel(), y.ravel()], axis=1)
+    near, whole = plan.near_values(surface, xy, 1), plan.values(surface, xy, 1)
+    mean = group.image.reshape(128, 2, 128, 2, 4).mean(axis=(1, 3))[xy[:, 1], xy[:, 0]]
+    assert 0 < np.abs(near - whole).max() < 0.3 * np.abs(mean - whole).max()
+
+
 def test_sides_keep_their_ratio_and_no_image_grows():
     scene = wall(smooth_image(96, 24))
     sizes = {size: chosen(scene, support="texels", texel_size=size).plans[0].size for size in (1, 12, 48, 500)}

@@ -40,7 +40,9 @@ WHOLE_VOXELS = 1 << 18  # ... but one slice for fewer than this
 MAX_SLICES = 64
 # Encoder's choice: slices start at the first level with so many nodes. With 1 << 10 streams take 1 % more.
 SLICE_NODES = 1 << 16
-FEW_SYMBOLS, MOST_SYMBOL_BYTES = 4096, 256  # symbols in a buffer that cannot overflow, and bytes for each of them in it
+# Levels of so few symbols get a buffer that cannot overflow: a symbol has at most UNARY + 2 decisions of 13 bits, each with a
+# probability of 2**-13 or more, an escape of 2 * MAX_PREFIX + 1 bits, and a few decisions of its node: 40 bytes.
+FEW_SYMBOLS, MOST_SYMBOL_BYTES = 4096, 256
 FIRST_ROOM = 64  # bytes of a level buffer beside one per coefficient; no level starts with less
 
 

@@ -130,18 +130,14 @@ def choose_tools(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequence[
     return replace(best, filters=tools.filters)
 
 
-def _descend(candidates, cost_of, first=0):
-    """Return the candidate of least cost, going from the first one to either side as long as cost falls."""
-    best, least = first, cost_of(candidates[first])
-    for step in (1, -1):
-        while 0 <= best + step < len(candidates):
-            cost = cost_of(candidates[best + step])
-            if cost >= least:
-                break
-            best, least = best + step, cost
-        if best != first:
+def _descend(candidates, cost_of):
+    """Return the last candidate before cost rises."""
+    best = candidates[0]
+    for candidate in candidates[1:]:
+        if cost_of(candidate) >= cost_of(best):
             break
-    return candidates[best]
+        best = candidate
+    return best
 
 
 def choose_base(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callable[[int], list[int]], plan: ResidualPlan,
@@ -154,7 +150,6 @@ def choose_base(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callabl
     tools = tools_of(effort, planar)
     pieces = _pieces(keys, depth, effort, tools.planar)
 
-    @cache
     def size(candidate):
         qp, dct_blocks = candidate
         own = replace(tools, dct_blocks=dct_blocks)
@@ -167,10 +162,10 @@ def choose_base(keys: np.ndarray, depth: int, values: np.ndarray, qp_of: Callabl
 
         return sum(in_order(of_piece, pieces, threads))
 
-    chosen = [_descend([(qp, 0) for qp in BASE_QPS], size, BASE_QPS.index(USUAL_BASE_QP))]
+    candidates = [(qp, 0) for qp in BASE_QPS]
     if _may_have_dct_blocks(keys, values, effort, planar):
-        chosen.append(_descend([(qp, 1) for qp in DCT_BASE_QPS], size, len(DCT_BASE_QPS) // 2))
-    qp, dct_blocks = min(chosen, key=size)
+        candidates += [(qp, 1) for qp in DCT_BASE_QPS]
+    qp, dct_blocks = min(candidates, key=size)
     return qp_of(qp), dct_blocks
 
 

@@ -33,13 +33,14 @@ from .small_parts import small_parts
 if TYPE_CHECKING:
     from ...geometry.surface import Surface
     from ...render.camera import Camera
-    from ...render.raster import Fragments
-    from ...render.shade import Picture
+    from ...scene.fetch import PackedSource
     from ...scene.scene import Scene
     from ..faces import SentSurface, SourceFaces, SourceSurface
 
 VIEWS, SIZE = 16, 256
-EVERY = 4  # pixels of which one is compared, where a moved surface shows the same face
+# Pixels of which one is compared: where a moved surface shows the same face, and between other faces. The sides of pictures are
+# no multiples, so that the pixels are spread in rows and columns.
+EVERY, EVERY_OTHER = 13, 7
 LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that covers it
 OUTLINE = 0.04  # weight of pixels at the outline whose neighbours hide that: a viewer sees the line, not against what it moves
 PART_VIEWS, PART_SIZE = 4, 192  # pictures of small parts alone
@@ -76,23 +77,45 @@ class PictureError:
         return max(part.lost for part in (self, *self.of_parts))
 
 
-class _Seen(NamedTuple):
-    """Pictures from one camera. covered: bool [H, W]; fragments: all of them, None if a material lets light through; pictures:
-    one for each light; weight: float64 [n], pixels that each of theirs stands for, None for itself alone."""
+class _View:
+    """A scene from one camera. fragments: visible points, None if a material lets light through; covered: bool [H, W], pixels.
+    The points are coloured when their colours are asked for, once."""
 
-    covered: np.ndarray
-    fragments: Fragments | None
-    pictures: list[Picture]
-    weight: np.ndarray | None
+    def __init__(self, scene: Scene, camera: Camera, lights: list[Lighting | None], source: PackedSource) -> None:
+        self._camera, self._lights, self._source = camera, lights, source
+        if see_through(scene.materials, scene.face_material):
+            self.fragments, self._pictures = None, render_lights(scene, camera, lights, source=source)
+            self.covered = _covered(self._pictures[0])
+            return
+        self.fragments = rasterise(camera, scene.positions, scene.faces)
+        self.covered = _covered(self.fragments)
+        self._is_coloured = np.zeros(len(self.fragments.pixel), np.bool_)
+        self._colours = [np.empty((len(self._is_coloured), 3), np.float32) for _ in lights]
+
+    @property
+    def pixel(self) -> np.ndarray:
+        """Numbers of the covered pixels, int64 [n]."""
+        return self._pictures[0].pixel if self.fragments is None else self.fragments.pixel
+
+    def colours(self, rows: np.ndarray) -> list[np.ndarray]:
+        """Return the colours of some covered pixels in each light, float32 [m, 3]. rows: int64 [m], their places in `pixel`."""
+        if self.fragments is None:
+            return [picture.colour[rows] for picture in self._pictures]
+        new = rows[~self._is_coloured[rows]]
+        for colour, picture in zip(self._colours, colour_fragments(self._camera, self.fragments.rows(new), self._lights,
+                                                                   self._source), strict=True):
+            colour[new] = picture.colour
+        self._is_coloured[new] = True
+        return [colour[rows] for colour in self._colours]
 
 
 class _Shot(NamedTuple):
-    """Cameras that see all of a scene or a small part of it. faces: bool [F] of the source's, None for all; seen: _Seen of the
-    source, by camera."""
+    """Cameras that see all of a scene or a small part of it. faces: bool [F] of the source's, None for all; views: of the source,
+    by camera."""
 
     cameras: list[Camera]
     faces: np.ndarray | None
-    seen: list[_Seen]
+    views: list[_View]
 
 
 class PictureComparison:
@@ -115,29 +138,16 @@ class PictureComparison:
         corners = self.scene.faces if faces is None else self.scene.faces[faces]
         sphere = bounding_sphere(self.scene.positions if faces is None else self.scene.positions[corners.ravel()])
         cameras = [orthographic(fibonacci_direction(i, views), *sphere, size) for i in range(views)]
-        return _Shot(cameras, faces, self._pictures(self.scene, cameras, faces))
+        return _Shot(cameras, faces, self._views(self.scene, cameras, faces))
 
-    def _pictures(self, scene, cameras, shown, source=None, seen=None):
-        """Return the _Seen of shown faces, bool [F], or all, by camera: in flat colours and, if there is light, in light. source:
-        of the base colour, if it is not the source's; seen: of the source, if the faces are the same in other places."""
+    def _views(self, scene, cameras, shown, source=None):
+        """Return the _Views of shown faces, bool [F], or all, by camera: in flat colours and, if there is light, in light.
+        source: of the base colour, if it is not the source's."""
         lights, source = [None, *([Lighting(scene, table=self._table)] if self.lit else [])], source or self._source
         if shown is not None:
             scene = replace(scene, faces=np.where(shown[:, None], scene.faces, 0))
-
-        def look(number):
-            camera = cameras[number]
-            if see_through(scene.materials, scene.face_material):
-                pictures = render_lights(scene, camera, lights, source=source)
-                return _Seen(_covered(pictures[0]), None, pictures, None)
-            fragments, weight = rasterise(camera, scene.positions, scene.faces), None
-            covered, coloured = _covered(fragments), fragments
-            if seen is not None:
-                rows, weight = _changed(seen[number].fragments, fragments)
-                coloured = fragments.rows(rows)
-            return _Seen(covered, fragments, colour_fragments(camera, coloured, lights, source), weight)
-
-        first = look(0)  # makes what all share, tangents for one, which two threads would make twice
-        return [first, *in_order(look, range(1, len(cameras)), self.threads)]
+        first = _View(scene, cameras[0], lights, source)  # makes what all share, which two threads would make twice
+        return [first, *in_order(lambda camera: _View(scene, camera, lights, source), cameras[1:], self.threads)]
 
     def of(self, drawn: SourceSurface, normals: np.ndarray) -> PictureError:
         """Return the PictureError of the source on another surface. drawn: faces of the source in their new places; normals: at
@@ -147,7 +157,7 @@ class PictureComparison:
         faces[drawn.origin_face] = drawn.faces
         scene = replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces)
         wanted = None if self.scene.corner_normal is None or not self.lit else self.normals[drawn.origin_face]
-        return self._moved(lambda shot: self._pictures(scene, shot.cameras, shot.faces, seen=shot.seen), drawn, normals, wanted)
+        return self._moved(lambda shot: self._views(scene, shot.cameras, shot.faces), drawn, normals, wanted, True)
 
     def of_mesh(self, scene: Scene, surface: SentSurface, normals: np.ndarray, wanted: np.ndarray | None,
                 faces: SourceFaces) -> PictureError:
@@ -158,15 +168,15 @@ class PictureComparison:
         source = self._source._replace(face_material=np.ascontiguousarray(scene.face_material, np.int64),
                                        corner_uv=np.ascontiguousarray(scene.corner_uv, np.float64))
 
-        def pictures(shot):
-            return self._pictures(scene, shot.cameras, None if shot.faces is None else shot.faces[faces], source)
+        def views(shot):
+            return self._views(scene, shot.cameras, None if shot.faces is None else shot.faces[faces], source)
 
-        return self._moved(pictures, surface, normals, wanted)
+        return self._moved(views, surface, normals, wanted, False)
 
-    def _moved(self, pictures, surface, normals, wanted):
-        """Return the PictureError of pictures and of a Surface's normals. pictures: function that renders a _Shot; wanted:
-        correct normals, None without any."""
-        whole, *parts = (_compared(shot.seen, pictures(shot)) for shot in self._shots)
+    def _moved(self, views, surface, normals, wanted, same_faces):
+        """Return the PictureError of views and of a Surface's normals. views: function that renders a _Shot; wanted: correct
+        normals, None without any; same_faces: whether the surface's faces have the numbers of the source's."""
+        whole, *parts = (_compared(shot.views, views(shot), same_faces, self.threads) for shot in self._shots)
         turned = self.shown * _turned(surface, normals, wanted) if wanted is not None else 0.0
         return replace(whole, mse=whole.mse + turned, of_parts=tuple(parts))
 
@@ -208,11 +218,34 @@ def _of_source(surface, part, count):
     return shown
 
 
-def _compared(seen, others):
-    """Return the PictureError of two lists of _Seen, without normals. seen: of the source."""
-    silhouette, lost, shown = np.sum([_uncovered(a.covered, b.covered) for a, b in zip(seen, others, strict=True)], axis=0)
-    mse = max(_mse(seen, others, light) for light in range(len(seen[0].pictures)))
+def _compared(views, others, same_faces, threads):
+    """Return the PictureError of two lists of _Views, without normals. views: of the source; same_faces: as of _moved()."""
+    silhouette, lost, shown = np.sum([_uncovered(a.covered, b.covered) for a, b in zip(views, others, strict=True)], axis=0)
+
+    def colours(pair):
+        rows, weight = _matched(*pair, same_faces)
+        return [view.colours(own) for view, own in zip(pair, rows, strict=True)], weight
+
+    pairs, errors = list(zip(views, others, strict=True)), {}
+    for (before, after), weight in (colours(pairs[0]), *in_order(colours, pairs[1:], threads)):
+        for light, (a, b) in enumerate(zip(before, after, strict=True)):
+            errors.setdefault(light, ColourError()).add(a, b, weight)
+    mse = max(error.mse()["y"] if error.samples else 0.0 for error in errors.values())
     return PictureError(mse, silhouette / max(shown, 1), lost / max(shown, 1))
+
+
+def _matched(view, other, same_faces):
+    """Return ((rows of a _View's pixels, those of another's), both int64 [n]; pixels that each stands for, float64 [n], None for
+    equally many) of pixels to compare: if same_faces, those that show another face, and one of EVERY other."""
+    pixel, *rows = np.intersect1d(view.pixel, other.pixel, assume_unique=True, return_indices=True)
+    if view.fragments is None:
+        return rows, None
+    if not same_faces:
+        some = pixel % EVERY_OTHER == 0
+        return [own[some] for own in rows], None
+    changed = view.fragments.face[rows[0]] != other.fragments.face[rows[1]]
+    some = changed | (pixel % EVERY == 0)
+    return [own[some] for own in rows], np.where(changed, 1.0, EVERY)[some]
 
 
 def _turned(surface, normals, wanted):
@@ -221,15 +254,6 @@ def _turned(surface, normals, wanted):
     angle = 2 * np.arcsin(np.minimum(apart / 2, 1.0))
     area = relative_areas(surface.cube.to_world(surface.lattice), surface.faces)
     return float((angle**2).mean(axis=1) @ area / (area.sum() or 1.0))
-
-
-def _changed(first, fragments):
-    """Return (numbers of fragments to colour, int64 [n]; pixels that each stands for, float64 [n]) of those that first shows too:
-    where another face is seen, and EVERY other one."""
-    _, before, rows = np.intersect1d(first.pixel, fragments.pixel, assume_unique=True, return_indices=True)
-    changed = first.face[before] != fragments.face[rows]
-    some = changed | (np.arange(len(rows)) % EVERY == 0)
-    return rows[some], np.where(changed, 1.0, EVERY)[some]
 
 
 def _covered(drawn):
@@ -251,14 +275,3 @@ def _grown(covered):
     rows = np.pad(covered, 1)
     rows = rows[:-2] | rows[1:-1] | rows[2:]
     return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
-
-
-def _mse(seen, others, light):
-    """Return the mean squared error of Y over pixels that both show, in one of the lights."""
-    error = ColourError()
-    for first, other in zip(seen, others, strict=True):
-        a, b = first.pictures[light], other.pictures[light]
-        both, of_a, of_b = np.intersect1d(a.pixel, b.pixel, assume_unique=True, return_indices=True)
-        if len(both):
-            error.add(a.colour[of_a], b.colour[of_b], None if other.weight is None else other.weight[of_b])
-    return error.mse()["y"] if error.samples else 0.0

@@ -44,7 +44,7 @@ ELSEWHERE = 10.0  # degrees that nobody takes for the same normal
 OFF = 0.05  # of a matrix between two frames, three degrees: faces from here on have their texels turned
 FAR = 0.5  # of it: other hands, or turned by more than a fifth of a right angle: what cannot share texels with the others
 CLIP = 30.0  # degrees: what is further off looks no worse
-PARTS = 4  # of each edge of a face whose corners need different things
+PARTS, FEW_TEXELS = 4, 8  # of each edge of a face whose corners need different things, if it covers more than so many texels
 FRACTION_BITS = 4  # of UVs under which texels are rotated; faces are divided into parts before
 CORNERS = np.eye(3)
 BLOCK = 1 << 16  # faces at a time
@@ -317,10 +317,12 @@ def _turned(frames, mapped):
 
 
 def _divided(mapped, faces):
-    """Return (uv float64 [M, 3, 2], matrices between the frames of their corners [M, 3, 3, 3], area [M]) of some faces, divided
-    if their matrices change from corner to corner: frames turn over on the middle line of mirrored models."""
-    between = mapped.between(faces)
+    """Return (uv float64 [M, 3, 2], matrices between the frames of their corners [M, 3, 3, 3], area [M]) of some faces, the
+    larger ones divided if their matrices change from corner to corner: frames turn over on the middle line of mirrored
+    models."""
+    between, (u, v) = mapped.between(faces), ((mapped.uv[faces, corner] - mapped.uv[faces, 0]).T for corner in (1, 2))
     bent = np.abs(between - between[:, :1]).max(axis=(1, 2, 3)) > OFF
+    bent &= np.abs(u[0] * v[1] - u[1] * v[0]) / 2 > FEW_TEXELS
     even, uneven = faces[~bent], faces[bent]
     points = np.array([(i, j, PARTS - i - j) for i in range(PARTS + 1) for j in range(PARTS + 1 - i)]) / PARTS
     number = {tuple(np.rint(PARTS * point).astype(int)): k for k, point in enumerate(points)}

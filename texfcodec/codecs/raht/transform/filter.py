@@ -17,6 +17,7 @@ from .rings import CLASSES, COEFFICIENT_FRACTION, RINGS, VoxelRings
 MAX_COEFFICIENT = 127
 COEFFICIENT_BITS = 8 * RINGS  # what a class of a component costs in supports that are not planar
 LIMIT_SHIFT = 2  # differences are limited to a quarter of a step
+FEWEST, EVERY = 16, 4  # pieces that a fit looks at, at least; else one of EVERY
 
 
 @dataclass
@@ -90,6 +91,8 @@ def fit_stage(rings: VoxelRings | TexelRings, mean: np.ndarray, original: np.nda
     """Fit the stage that brings mean nearest to original, both int32 [N, C]; None if no coefficients are worth their bits.
     rings: of rings_of(); steps: int64 [C], quantiser steps; lagrangian: bits per squared step; run: runs a list of jobs."""
     components, taps, pieces = mean.shape[1], rings.taps, _pieces(rings)
+    every = min(max(len(pieces) // FEWEST, 1), EVERY)
+    pieces = pieces[every // 2 :: every]
     parts = [(np.zeros((CLASSES, components, taps, taps)), np.zeros((CLASSES, components, taps))) for _ in pieces]
     factors = (1 << 32) // int(steps[0]), steps >> LIMIT_SHIFT, original
     run([partial(rings.statistics, b, e, mean, *factors, *part) for (b, e), part in zip(pieces, parts, strict=True)])
@@ -103,7 +106,7 @@ def fit_stage(rings: VoxelRings | TexelRings, mean: np.ndarray, original: np.nda
             fitted = np.clip(np.rint(np.array(_solve(products, targets)) * unit), -MAX_COEFFICIENT, MAX_COEFFICIENT)
             x, full = fitted / unit, products + np.tril(products, -1).T
             gain = (2 * (targets * x).sum() - (full * x[:, None] * x[None, :]).sum()) / float(steps[c]) ** 2
-            if gain * lagrangian > 8 * taps:
+            if every * gain * lagrangian > 8 * taps:
                 mask |= 1 << (k * components + c)
                 coefficients[k, c] = fitted
     return FilterStage(mask, coefficients) if mask else None

@@ -40,6 +40,7 @@ SECONDS_PER_VALUE = 6e-7  # of a decoder, with one thread, at most: 1.0 to 2.6 m
 # Bytes that parts may add which are coded again, finer: of the first stream's so much for their share of the surface, and at most
 # so much. A city's billboards, 400 voxels of it, would have added 36 %.
 MORE_PER_SHARE, MOST_MORE = 10.0, 0.5
+SURE_SHARE = 0.8  # of the bytes that a finer QP is expected to add
 MOST_TRIES = 5  # coarser QPs, until a stream is no larger than its source
 LEAST_GAIN = 1.0  # dB that the worst part must gain by it
 FINER_CHROMA = 6  # QP
@@ -139,8 +140,12 @@ def _may_be_finer(encoded, missed, options, scene):
         return False
     parts, more = {miss.material for miss in missed}, 0
     for group in encoded.choices["supports"]["groups"]:
-        if parts & set(group["materials"]) and group["chosen"] == "voxels" and "texels" in group:
-            more += group["texels"]["attribute_bytes"] - group["voxels"]["attribute_bytes"]
+        if not parts & set(group["materials"]) or "texels" not in group:
+            continue
+        texels = group["texels"]["attribute_bytes"]
+        if group["chosen"] == "voxels":
+            more += texels - group["voxels"]["attribute_bytes"]
+        more += SURE_SHARE * texels * (2 ** (BITS_PER_QP * max(group["texels"]["qp_offset"], 0)) - 1)
     return len(encoded.data) + more <= _most_bytes(encoded, missed, scene)
 
 

@@ -75,6 +75,10 @@ class Report:
     def take(self, other: "Report") -> None:
         """Add the seconds, sentences, trials and channels of another report of the same run to this one's."""
         self.take_seconds(other)
+        self.take_sentences(other)
+
+    def take_sentences(self, other: "Report") -> None:
+        """Add what another report says, but not its seconds."""
         for name in ("warnings", "dropped", "remarks", "trials", "channels"):
             getattr(self, name).extend(getattr(other, name))
 

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..core.colour_error import decibels
 from ..decoder import decode_stream
@@ -28,6 +30,7 @@ from .prepare.uniform_colour import NOTHING_TO_PROBE
 from .price import coding_mse
 from .values.coder import LAST_QP
 from .values.unit_qp import BITS_PER_QP
+from .write import write
 
 if TYPE_CHECKING:
     from ..options import EncodeOptions
@@ -83,14 +86,19 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
     begin, kept = time.perf_counter(), Report(report.on_progress)
     may_try_again = options.support == "auto" and promised_psnr(options) is not None
     encoder = Encoder(scene=scene, caches=Caches.of_second_try() if may_try_again else Caches())
-    encoded = encoder.encode(options, kept)
+    filled = encoder.filled(options, kept)
+    encoded = write(filled, kept, encoder.caches.units)
     if len(encoded.data) > sum(scene.files.values()) > 0:
         encoded, kept = _no_larger(scene, encoded, options, kept)
     checked = check(scene, encoded, options, kept, time.perf_counter() - begin)
     missed = misses(checked)
     if missed and _may_be_finer(encoded, missed, options, scene):
         second = Report(report.on_progress)
-        again = _coded_finer(encoder, missed, options, second)
+        if _needs_no_other_support(encoded, missed):
+            second.take_sentences(kept)
+            again = _coded_at_no_offset(filled, missed, options, second, encoder.caches.units)
+        else:
+            again = _coded_finer(encoder, missed, options, second)
         if again and _is_better(again.check, checked) and len(again.data) <= _most_bytes(encoded, missed, scene):
             second.remarks.append(f"{_named(missed)} and was coded again at higher quality, in {len(again.data)} bytes instead "
                                   f"of {len(encoded.data)}")
@@ -131,6 +139,28 @@ def _coded_finer(encoder, missed, options, report):
     except LimitError:
         return None
     check(encoder.scene, encoded, options, report, time.perf_counter() - begin)
+    return encoded
+
+
+def _needs_no_other_support(encoded, missed):
+    """Return whether all missed parts are over as many texels as their images have, at a QP coarser than the rate's."""
+    groups = encoded.choices["supports"]["groups"]
+    behind = {part: group for group in groups for part in group["materials"]}
+    own = [behind.get(miss.material, {}) for miss in missed]
+    return all(miss.measure == "Y" for miss in missed) and all(
+        group.get("chosen") == "texels" and group["size"] == group["image"] and group.get("texels", {}).get("qp_offset", 0) > 0
+        for group in own)
+
+
+def _coded_at_no_offset(filled, missed, options, report, units):
+    """Return the checked Encoded of a Filled in which the fields of the missed parts have the rate's QP."""
+    begin, source = time.perf_counter(), filled.source
+    missing = np.isin(source.surface.material, [miss.material for miss in missed])
+    worse = set(source.face_field[missing].tolist())
+    fields = [replace(part, qp_offset=min(part.qp_offset, 0)) if number in worse else part
+              for number, part in enumerate(filled.fields)]
+    encoded = write(replace(filled, fields=fields), report, units)
+    check(source.scene, encoded, options, report, time.perf_counter() - begin)
     return encoded
 
 

@@ -13,6 +13,7 @@ from texfcodec.api import encode_loaded, encode_to_result
 from texfcodec.encoder.caches import Caches
 from texfcodec.encoder.encode import Encoder
 from texfcodec.encoder.supports import choice
+from texfcodec.encoder.supports.trial import Trials
 from texfcodec.encoder.values.coder import Coder
 from texfcodec.encoder.verify import Miss, _most_bytes, misses, promised_psnr, warnings_of
 from texfcodec.metrics.psnr_3d import measure
@@ -127,14 +128,30 @@ def test_a_speck_that_came_out_wrong_does_not_cost_the_whole_stream_half_its_byt
 
 def test_a_second_coding_over_a_limit_leaves_the_first_and_its_warning(monkeypatch):
     """Finer voxels may be more than a limit allows that the first coding kept."""
-    scene, first = noisy_wall(60), Encoder.encode
+    scene, first = noisy_wall(60), Encoder.filled
 
-    def limited(encoder, options, report, finer=frozenset()):
+    def limited(encoder, options, report, finer=frozenset(), budget=None):
         if finer:
             raise LimitError("TXF-L04", "the fields have more voxels than the limit allows", value=2, allowed=1)
         return first(encoder, replace(options, support="voxels"), report)
 
-    monkeypatch.setattr(Encoder, "encode", limited)
+    monkeypatch.setattr(Encoder, "filled", limited)
     report = Report()
     made = encode_loaded(scene, EncodeOptions(rate="r03"), report)
     assert made.data and any("part 'noisy' has" in text for text in report.warnings)
+
+
+def test_texels_that_came_out_too_coarse_are_coded_again_on_the_same_mesh(monkeypatch):
+    """Trials that expect the errors of a much finer QP: values are coded again, and nothing before them is done again."""
+    settled, filled, runs = Trials._settled, Encoder.filled, []
+
+    def coarse(*given):
+        trial = settled(*given)
+        return trial and replace(trial, qp_offset=20)
+
+    monkeypatch.setattr("texfcodec.encoder.verify.MOST_MORE", 9.0)
+    monkeypatch.setattr(Trials, "_settled", coarse)
+    monkeypatch.setattr(Encoder, "filled", lambda *given: runs.append(given) or filled(*given))
+    made = encode_loaded(noisy_wall(20), EncodeOptions(rate="r03", keep_mesh=True), report := Report())
+    assert len(runs) == 1 and "coded again at higher quality" in report.remarks[-1] and not misses(made.check)
+    assert 0 in [channel["qp_offset"] for channel in made.choices["channels"]]

@@ -147,7 +147,7 @@ def test_texels_that_came_out_too_coarse_are_coded_again_on_the_same_mesh(monkey
 
     def coarse(*given):
         trial = settled(*given)
-        return trial and replace(trial, qp_offset=20)
+        return trial and replace(trial, qp_offset=10)
 
     monkeypatch.setattr("texfcodec.encoder.verify.MOST_MORE", 9.0)
     monkeypatch.setattr(Trials, "_settled", coarse)

@@ -196,7 +196,7 @@ def test_normals_are_fetched_from_the_side_that_a_face_is_on():
     faces = np.array([[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]])
     mesh = Mesh(corner, faces)
     flat = np.repeat(np.array([[0, 0, 1], [0, 0, 1], [1, 0, 0], [1, 0, 0]], np.float32)[:, None], 3, axis=1)
-    assert np.allclose(FetchedNormals(mesh, NearestPoints(mesh), mesh).of(flat), flat, atol=1e-6)
+    assert np.allclose(FetchedNormals(mesh, lambda: NearestPoints(mesh), mesh).of(flat), flat, atol=1e-6)
 
 
 @pytest.mark.parametrize("bits", [8, 11, 14, 20])

@@ -55,20 +55,24 @@ def face_components(faces: np.ndarray) -> np.ndarray:
 def shared_edges(corners: np.ndarray) -> Edges:
     """Return the Edges that faces share. corners: int64 [F, 3], welded vertices of the faces; a face with two equal corners has
     no edges."""
-    start, stop = corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1)
-    low, high = np.minimum(start, stop), np.maximum(start, stop)
-    order = np.argsort(low << 32 | high, kind="stable")  # sides of an edge in the order of the faces
-    whole = (corners != np.roll(corners, -1, axis=1)).all(axis=1)
-    order = order[whole[order // 3]]
-    low, high = low[order], high[order]
+    after = np.roll(corners, -1, axis=1)
+    key = (np.minimum(corners, after) << 32 | np.maximum(corners, after)).reshape(-1)
+    whole = (corners != after).all(axis=1)
+    del after
+    order = np.argsort(key, kind="stable")  # sides of an edge in the order of the faces
+    if not whole.all():
+        order = order[whole[order // 3]]
+    key = key[order]
     fresh = np.ones(len(order), bool)
-    fresh[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
-    edge = np.cumsum(fresh) - 1
-    count = np.bincount(edge)
+    np.not_equal(key[1:], key[:-1], out=fresh[1:])
+    first = np.flatnonzero(fresh)
+    count = np.diff(np.append(first, len(key)))
     shared = (count >= 2) & (count <= MOST_AT_EDGE)
-    kept = shared[edge] if len(edge) else np.zeros(0, bool)
-    ends = np.stack([low[fresh], high[fresh]], axis=1)[shared]
-    return Edges(ends, order[kept], (np.cumsum(shared) - 1)[edge[kept]])
+    ends = key[first[shared]]
+    ends = np.stack([ends >> 32, ends & 0xFFFFFFFF], axis=1)
+    del key
+    kept = np.repeat(shared, count)
+    return Edges(ends, order if kept.all() else order[kept], np.repeat(np.arange(len(ends)), count[shared]))
 
 
 def folds(edges: Edges, lattice: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -7,6 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 
+BLOCK = 1 << 16  # points whose corners are held at a time
+
+
 class Mesh(NamedTuple):
     """positions: float64 [V, 3]; faces: int64 [F, 3] into positions."""
 
@@ -35,7 +38,11 @@ class Mesh(NamedTuple):
 
 def points_at(mesh: Mesh, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
     """Return the points at places on a mesh, float64 [M, 3]. face: int64 [M]; bary: float64 [M, 3], barycentric coordinates."""
-    return np.einsum("mk,mkc->mc", bary, mesh.positions[mesh.faces[face]])
+    out = np.empty((len(face), 3))
+    for begin in range(0, len(face), BLOCK):
+        some = slice(begin, begin + BLOCK)
+        out[some] = np.einsum("mk,mkc->mc", bary[some], mesh.positions[mesh.faces[face[some]]])
+    return out
 
 
 def face_normals(corners: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ face's plane is farther than the best result, its triangle is not tested, which 
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -38,13 +39,23 @@ class NearestPoints:
         if not len(mesh.faces):
             raise ValueError("a mesh without faces has no nearest point")
         self._middle, self._half = mesh.frame()
-        corners = ((mesh.positions - self._middle) / self._half)[mesh.faces]
-        self._order = _curve_order(corners.mean(axis=1))
-        self._corners = np.ascontiguousarray(corners[self._order]).reshape(-1, 9)
-        self._boxes = _boxes_of(corners[self._order])
-        self.normals = face_normals(corners)  # float64 [F, 3]; 0 where a face has no area
-        self._normals = np.ascontiguousarray(self.normals[self._order])
+        positions = (mesh.positions - self._middle) / self._half
+        self._order = _curve_order(positions[mesh.faces].mean(axis=1))
+        corners = positions[mesh.faces[self._order]]
+        self._corners, self._boxes = corners.reshape(-1, 9), _boxes_of(corners)
+        self._normals = face_normals(corners)
         self._group = np.zeros(len(mesh.faces), np.int64) if group is None else np.asarray(group, np.int64)[self._order]
+
+    @cached_property
+    def _place(self):
+        """Return the place of every face in the order, int64 [F]."""
+        place = np.empty_like(self._order)
+        place[self._order] = np.arange(len(place))
+        return place
+
+    def normals(self, face: np.ndarray) -> np.ndarray:
+        """Return unit normals of faces, float64 [M, 3]; 0 where a face has no area. face: int64 [M]."""
+        return self._normals[self._place[face]]
 
     def find(self, points: np.ndarray, normals: np.ndarray | None = None, turn: float = 0.0, group: np.ndarray | None = None,
              threads: int = 1) -> Nearest:
@@ -57,18 +68,18 @@ class NearestPoints:
         """
         points = (np.asarray(points, np.float64) - self._middle) / self._half
         order, count = _curve_order(points), len(points)
-        points = points[order]
-        normals = np.zeros_like(points) if normals is None else np.asarray(normals, np.float64)[order]
-        group = np.full(count, -1) if group is None else np.asarray(group, np.int64)[order]
         face, bary, distance = np.empty(count, np.int64), np.empty((count, 3)), np.empty(count)
 
         def search(begin):
-            part = slice(begin, begin + BLOCK)
-            _search(points[part], normals[part], group[part], order[part], turn / self._half, self._corners, self._normals,
-                    self._group, self._boxes, face, bary, distance)
+            some = order[begin : begin + BLOCK]
+            turned = np.zeros((len(some), 3)) if normals is None else np.asarray(normals[some], np.float64)
+            own = np.full(len(some), -1) if group is None else np.asarray(group[some], np.int64)
+            _search(points[some], turned, own, some, turn / self._half, self._corners, self._normals, self._group, self._boxes,
+                    face, bary, distance)
+            face[some], distance[some] = self._order[face[some]], distance[some] * self._half
 
         over_blocks(search, count, BLOCK, threads)
-        return Nearest(self._order[face], bary, distance * self._half)
+        return Nearest(face, bary, distance)
 
 
 @kernel

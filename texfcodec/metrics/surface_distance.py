@@ -118,17 +118,19 @@ def surface_distance(source: Mesh, mesh: Mesh, samples: int = SAMPLES, seed: int
     source, mesh = source.checked(), mesh.checked()
     box = source.positions[source.faces].reshape(-1, 3)
     extent = box.max(axis=0) - box.min(axis=0)
-    there, here = NearestPoints(source), NearestPoints(mesh)
+    there = NearestPoints(source)
     face, bary = sample_surface(mesh.positions, mesh.faces, samples, seed)
     points = points_at(mesh, face, bary)
     nearest = there.find(points, threads=threads)
-    of_mesh = _way(points - points_at(source, nearest.face, nearest.bary), there.normals[nearest.face],
+    of_mesh = _way(points - points_at(source, nearest.face, nearest.bary), there.normals(nearest.face),
                    _at_vertices(mesh, there, threads))
     face, bary = sample_surface(source.positions, source.faces, samples, seed + 1)
     points = points_at(source, face, bary)
+    normals = there.normals(face)
+    del there
+    here = NearestPoints(mesh)
     nearest = here.find(points, threads=threads)
-    of_source = _way(points - points_at(mesh, nearest.face, nearest.bary), there.normals[face],
-                     _at_vertices(source, here, threads))
+    of_source = _way(points - points_at(mesh, nearest.face, nearest.bary), normals, _at_vertices(source, here, threads))
     return SurfaceDistance(of_mesh=of_mesh, of_source=of_source, side=float(extent.max()), diagonal=float(np.linalg.norm(extent)))
 
 

@@ -24,7 +24,7 @@ from ...geometry.surface import Surface, make_surface, place_mesh
 from ...metrics.surface_distance import surface_distance
 from ...options import FINEST_POSITIONS
 from ...report import Step, no_step
-from ..caches import Cache
+from ..caches import Cache, NoCache
 from ..decision import Decision
 from ..faces import LatticeFaces, SentSurface, SourceFaces, SourceSurface, source_faces
 from ..prepare.channel_weights import shown_of_radians
@@ -55,6 +55,7 @@ MOST_A_BIT = 4.0  # times that a bit lessens an error at most; where layers lie 
 REFERENCE_BITS = 12  # bits of the lattice that the others' error is reckoned from
 SHARES = tuple(2 ** (-number / 2) for number in range(11))  # of the source's faces; a point 25 % off costs 1 to 2 % of the bytes
 SAME_UV = 1e-5  # differences from which on an edge is a seam
+LARGE = 1 << 18  # faces: from here on fits and the tree of nearest points, 300 and 200 bytes a face, are computed when needed
 FEWEST = 256  # faces: fewer take too few bytes to bother
 TRIALS = {"fast": 3, "balanced": 5, "best": 10}  # by effort, that at the usual bits among them
 EAGER = 0.85  # of the error that is reckoned: what is hoped for where nothing was looked at
@@ -384,7 +385,8 @@ class _Meshes:
         self.source = Mesh(positions, self.usual.faces)
         self.shares = SHARES[:1] if carries and self.scene.corner_color is not None else SHARES  # texels have vertices' colours
         self._trials: dict[tuple[int, int], _MeshTrial] = {}
-        self._moved, self._fits = Cache(), Cache()  # PictureErrors by place and bits, _Fits by place
+        self._moved = Cache()  # PictureErrors by place and bits
+        self._fits = Cache() if len(usual.faces) <= LARGE else NoCache()  # _Fits by place, NearestPoints of the source
         self._simplifying: Callable[[], Simplification] | None = None
 
     def begin(self) -> Callable[[], Simplification]:
@@ -431,8 +433,9 @@ class _Meshes:
         if not face_areas(surface.lattice, surface.faces).any():
             return _MeshTrial(None, fit.face, PictureError(NOTHING, 1.0, 1.0))
         face, there = LatticeFaces(fit.face[surface.origin_face]), {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
+        del fit  # pictures of a large mesh need its room
         mesh, threads = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.choice.price.threads
-        fetched = FetchedNormals(self.source, self._points, mesh, threads)
+        fetched = FetchedNormals(self.source, lambda: self._points, mesh, threads)
         sent = self._sent(surface, face, place > 0, there, fetched)
         return _MeshTrial(sent, face, self._moved.get((place, bits), lambda: self._moved_by(sent, fetched)))
 
@@ -443,7 +446,7 @@ class _Meshes:
         if not sent.carries:
             return pictures.of(sent.source_on_mesh, sent.at_corners(normals))
         if sent.scene.corner_normal is not None and pictures.lit:
-            wanted = fetched.of(pictures.normals[self.usual.origin_face].astype(np.float32))
+            wanted = fetched.of(pictures.normals[self.usual.origin_face])
         return pictures.of_mesh(sent.scene, sent.surface, normals, wanted, sent.source_face)
 
     @cached_property
@@ -524,9 +527,9 @@ class _Meshes:
         mesh = Mesh(surface.cube.to_world(surface.lattice), surface.faces)
         return surface_distance(self.source, mesh, samples=DISTANCE_POINTS, threads=self.choice.price.threads).report()
 
-    @cached_property
+    @property
     def _points(self) -> NearestPoints:
-        return NearestPoints(self.source)
+        return self._fits.get("points", lambda: NearestPoints(self.source))
 
 
 def _count_used(surface):

@@ -11,15 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.kernel import kernel
-from .quadrics import _error_at, _least_place
+from .quadrics import _error_at, _least_place, vertex_quadrics
 from .topology import FIXED, FREE, turned_faces
 
+MOST_FACES = 2**29
 TURN = 0.2  # cosine of the largest angle by which a collapse may turn a face
 
 
 class Collapsed(NamedTuple):
-    """kept, removed: int64 [C]; placed: float64 [C, 3]; error: float64 [C], the quadric error there; fixed: bool [C], whether the
-    kept vertex stays in place; remaining: int64 [C], faces; last: int64 [F], the collapse that removes a face, C if none does."""
+    """kept, removed: int32 [C]; placed: float64 [C, 3]; error: float64 [C], the quadric error there; fixed: bool [C], whether the
+    kept vertex stays in place; remaining: int32 [C], faces; last: int32 [F], the collapse that removes a face, C if none does."""
 
     kept: np.ndarray
     removed: np.ndarray
@@ -31,10 +32,11 @@ class Collapsed(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """positions [V, 3], quadrics [V, 10]; kind [V]; faces [F, 3], marked [F, 3], their sides that are lines; last [F], -1 as long
-    as a face exists; turned [F], whether it is still one of turned_faces(); head, tail [V] and after [3 F]: the corners 3 f + i
-    of every vertex as a list that ends with -1; version [V], which rises when a vertex changes, -1 when it is removed; mark [V],
-    stamp [1]: sets of vertices; place [3], total [10]: place and quadric of the current edge."""
+    """positions [V, 3], quadrics [V, 10]; kind int8 [V]; faces [F, 3], marked [F, 3], their sides that are lines; last [F], -1 as
+    long as a face exists; turned [F], whether it is still one of turned_faces(); head, tail [V] and after [3 F]: the corners
+    3 f + i of every vertex as a list that ends with -1; version [V], which rises when a vertex changes, -1 when it is removed;
+    mark int64 [V], stamp [1]: sets of vertices; place [3], total [10]: place and quadric of the current edge. Numbers of
+    corners are below 2^31 (3 MOST_FACES), all others smaller: int32, half of what the arrays would take."""
 
     positions: np.ndarray
     quadrics: np.ndarray
@@ -54,27 +56,29 @@ class _Work(NamedTuple):
 
 
 class _Heap(NamedTuple):
-    """error [N]; entry [N, 4]: the ends of an edge, the lower first, and their versions; size [1]."""
+    """error [N]; entry int32 [N, 4]: the ends of an edge, the lower first, and their versions; size [1]."""
 
     error: np.ndarray
     entry: np.ndarray
     size: np.ndarray
 
 
-def collapse_all(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray, kind: np.ndarray,
-                 quadrics: np.ndarray) -> Collapsed:
+def collapse_all(positions: np.ndarray, faces: np.ndarray, marked: np.ndarray, kind: np.ndarray, edges: int) -> Collapsed:
     """Collapse allowed edges in the order of their quadric error until none is left; return all collapses in order. positions:
     float64 [V, 3] in -1..1; faces: int64 [F, 3] without equal corners; marked: bool [F, 3], sides that are lines; kind: int64
-    [V], of vertex_kinds(); quadrics: float64 [V, 10], of vertex_quadrics()."""
-    vertices, count = len(positions), len(faces)
-    work = _Work(positions.copy(), quadrics.copy(), kind.copy(), faces.copy(), marked.astype(np.uint8), np.full(count, -1),
-                 turned_faces(positions, faces), np.full(vertices, -1), np.full(vertices, -1), np.full(3 * count, -1),
-                 np.zeros(vertices, np.int64), np.zeros(vertices, np.int64), np.zeros(1, np.int64), np.zeros(3), np.zeros(10))
-    room = 6 * count + 16  # twice the edges that there can be: a full heap is half stale at least
-    heap = _Heap(np.empty(room), np.empty((room, 4), np.int64), np.zeros(1, np.int64))
-    ends, placed, remaining = np.empty((vertices, 2), np.int64), np.empty((vertices, 4)), np.empty(vertices, np.int64)
+    [V], of vertex_kinds(); edges: the number that the faces have."""
+    vertices, count, int32 = len(positions), len(faces), np.int32
+    if count > MOST_FACES:
+        raise ValueError(f"{count} faces are too many")
+    work = _Work(positions.copy(), vertex_quadrics(positions, faces, marked), kind.astype(np.int8), faces.astype(int32),
+                 marked.astype(np.uint8), np.full(count, -1, int32), turned_faces(positions, faces), np.full(vertices, -1, int32),
+                 np.full(vertices, -1, int32), np.full(3 * count, -1, int32), np.zeros(vertices, int32),
+                 np.zeros(vertices, np.int64), np.zeros(1, np.int64), np.zeros(3), np.zeros(10))
+    room = 2 * edges + 16  # an edge has one entry that counts: a full heap is half stale at least
+    heap = _Heap(np.empty(room), np.empty((room, 4), int32), np.zeros(1, np.int64))
+    ends, placed, remaining = np.empty((vertices, 2), int32), np.empty((vertices, 4)), np.empty(vertices, int32)
     done = _collapse_all(work, heap, ends, placed, remaining)
-    last = np.where(work.last >= 0, work.last, done)
+    last = np.where(work.last >= 0, work.last, int32(done))
     kept, removed = np.ascontiguousarray(ends[:done].T)
     fixed = work.kind[kept] == FIXED  # a vertex is fixed from the start: one that is joined to it goes to it
     return Collapsed(kept, removed, placed[:done, :3].copy(), placed[:done, 3].copy(), fixed, remaining[:done].copy(), last)
@@ -98,7 +102,8 @@ def _collapse_all(work, heap, ends, placed, remaining):
             if work.version[v] >= 0:
                 _push_edges(work, heap, v, True)
         while heap.size[0] > 0:
-            a, b, version_a, version_b = heap.entry[0]
+            a, b = np.int64(heap.entry[0, 0]), np.int64(heap.entry[0, 1])
+            version_a, version_b = heap.entry[0, 2], heap.entry[0, 3]
             _pop(heap)
             if work.version[a] != version_a or work.version[b] != version_b:
                 continue

@@ -7,6 +7,7 @@ vertices a face cuts the corner of a fold of the other mesh, by less than a voxe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,7 +27,7 @@ TURN = 0.05  # of the longest side: how much farther away a point counts that lo
 @dataclass(frozen=True, kw_only=True)
 class DrawnSource:
     """The source's faces after a move of their corners onto another mesh. mesh: the moved faces, in the source's order; place:
-    int64 [F, 3], face of the other mesh that each corner is on; bary: float64 [F, 3, 3], position of each corner on that
+    int64 [V], face of the other mesh that each of its vertices is on; bary: float64 [V, 3], position of the vertex on that
     face."""
 
     mesh: Mesh
@@ -36,8 +37,7 @@ class DrawnSource:
     def from_corners(self, corner: np.ndarray) -> np.ndarray:
         """Return values at the corners of the moved faces, float32 [F, 3, C], from values at the corners of the other mesh,
         float32 [G, 3, C]."""
-        values = interpolate_corners(corner, self.place.reshape(-1), self.bary.reshape(-1, 3))
-        return values.reshape(-1, 3, corner.shape[2])
+        return interpolate_corners(corner, self.place, self.bary)[self.mesh.faces]
 
 
 def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndarray, threads: int = 1) -> DrawnSource:
@@ -50,7 +50,7 @@ def draw_onto(source: Mesh, group: np.ndarray, other: Mesh, other_group: np.ndar
     turn = TURN * 2 * source.frame()[1]
     nearest = NearestPoints(other, other_group).find(points, vertex_normals(points, faces), turn, pair % count, threads)
     mesh = Mesh(points_at(other, nearest.face, nearest.bary), faces)
-    return DrawnSource(mesh=mesh, place=nearest.face[faces], bary=nearest.bary[faces])
+    return DrawnSource(mesh=mesh, place=nearest.face, bary=nearest.bary)
 
 
 def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -66,10 +66,11 @@ class FetchedNormals:
     """A source's normals at the corners of another mesh.
 
     Each corner takes the normal of the nearest point that faces the same way. At an edge of the surface it takes that of the side
-    which the face is on: of a point a little inside the face. nearest: of the source.
+    which the face is on: of a point a little inside the face. nearest: returns the NearestPoints of the source, when a normal is
+    due.
     """
 
-    def __init__(self, source: Mesh, nearest: NearestPoints, other: Mesh, threads: int = 1) -> None:
+    def __init__(self, source: Mesh, nearest: Callable[[], NearestPoints], other: Mesh, threads: int = 1) -> None:
         self._source, self._nearest, self._other, self._threads = source, nearest, other, threads
 
     def of(self, corner_normal: np.ndarray) -> np.ndarray:
@@ -89,4 +90,5 @@ class FetchedNormals:
         inwards = corners.mean(axis=1, keepdims=True) - corners
         length = np.linalg.norm(inwards, axis=2, keepdims=True)
         inner = corners + inwards * np.minimum(INSET, edge / np.where(length > 0, length, 1.0) / 2)
-        return [self._nearest.find(points.reshape(-1, 3), side, turn, threads=self._threads) for points in (corners, inner)]
+        nearest = self._nearest()
+        return [nearest.find(points.reshape(-1, 3), side, turn, threads=self._threads) for points in (corners, inner)]

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.distinct import distinct
 from ...core.kernel import kernel
 
 TOLERANCE, MOST_STEPS = 1e-4, 200  # of conjugate gradients
@@ -16,7 +15,7 @@ TOLERANCE, MOST_STEPS = 1e-4, 200  # of conjugate gradients
 
 @dataclass(frozen=True)
 class NormalMatrix:
-    """Block rows by vertex: first: int64 [V + 1], column: int64 [N], block: float64 [N, 3, 3]; block k of row v has the column
+    """Block rows by vertex: first: int64 [V + 1], column: int32 [N], block: float64 [N, 3, 3]; block k of row v has the column
     column[k], ascending, for first[v] <= k < first[v + 1], and one of them is v itself."""
 
     first: np.ndarray
@@ -53,14 +52,13 @@ class NormalEquations:
 
     def __init__(self, faces: np.ndarray, vertices: int) -> None:
         self._faces = np.ascontiguousarray(faces, np.int64)
-        rows = np.concatenate([np.repeat(faces, 3, axis=1).ravel(), np.arange(vertices)])  # and a diagonal for idle vertices
-        columns = np.concatenate([np.tile(faces, (1, 3)).ravel(), np.arange(vertices)])
-        code, slot, _ = distinct(rows * max(vertices, 1) + columns)
-        self._slot = np.ascontiguousarray(slot[: 9 * len(faces)].reshape(-1, 9))
-        self._own = slot[9 * len(faces):]
-        self._first = np.searchsorted(code, np.arange(vertices + 1) * max(vertices, 1))
-        self._column = code % max(vertices, 1)
-        self._block = np.zeros((len(code), 3, 3))
+        head, after, mark = (np.full(count, -1, np.int32) for count in (vertices, 3 * len(faces), vertices))
+        self._first, self._own = np.zeros(vertices + 1, np.int64), np.empty(vertices, np.int64)
+        _count_blocks(self._faces, head, after, mark, self._first)
+        np.cumsum(self._first, out=self._first)
+        self._slot, self._column = np.empty((len(faces), 9), np.int32), np.empty(self._first[-1], np.int32)
+        _lay_out(self._faces, head, after, mark, self._first[:-1].copy(), self._slot, self._own, self._column)
+        self._block = np.zeros((len(self._column), 3, 3))
         self._right = np.zeros((vertices, 3))
 
     def add(self, points: PointResiduals, along: float, around: float) -> None:
@@ -68,18 +66,64 @@ class NormalEquations:
         a point's wanted movement and its direction n. along, around: weights of the part along n and of the whole."""
         _add(self._faces, self._slot, *points, along, around, self._block, self._right)
 
-    def solve(self, stiffness: float, damping: float) -> tuple[np.ndarray, NormalMatrix]:
-        """Return (displacements float64 [V, 3], the matrix that they solve). stiffness: weight of the squared differences of
-        displacements of neighbours; damping: weight of the displacements; both in units of the mean diagonal."""
-        block, own = self._block.copy(), self._own
+    def matrix(self, stiffness: float, damping: float) -> NormalMatrix:
+        """Return the matrix of the equations, which takes their blocks over: nothing can be added later. stiffness: weight of the
+        squared differences of displacements of neighbours; damping: weight of the displacements; both in units of the mean
+        diagonal."""
+        block, own = self._block, self._own
         scale = float(np.einsum("vii->v", block[own]).mean() / 3) if len(own) else 0.0
         scale = scale if scale > 0 else 1.0
         degree = np.diff(self._first) - 1
         eye = np.eye(3)
         block -= stiffness * scale * eye
         block[own] += ((stiffness * (degree + 1) + damping) * scale)[:, None, None] * eye
-        matrix = NormalMatrix(self._first, self._column, block)
-        return _conjugate_gradients(matrix, self._right, np.linalg.inv(block[own])), matrix
+        del self._block
+        return NormalMatrix(self._first, self._column, block)
+
+    def solve(self, stiffness: float, damping: float) -> tuple[np.ndarray, NormalMatrix]:
+        """Return (displacements float64 [V, 3], the matrix() that they solve)."""
+        matrix = self.matrix(stiffness, damping)
+        return _conjugate_gradients(matrix, self._right, np.linalg.inv(matrix.block[self._own])), matrix
+
+
+@kernel
+def _count_blocks(faces, head, after, mark, first):
+    """Fill head [V] and after [3 F], the corners 3 f + i of every vertex as a list that ends with -1, and the rows of first from 1
+    on with their numbers of blocks. mark: [V], -1."""
+    for corner in range(3 * faces.shape[0]):
+        v = faces[corner // 3, corner % 3]
+        after[corner], head[v] = head[v], corner
+    for v in range(head.shape[0]):
+        mark[v], count, corner = v, 1, head[v]
+        while corner >= 0:
+            for i in range(3):
+                w = faces[corner // 3, i]
+                count += mark[w] != v
+                mark[w] = v
+            corner = after[corner]
+        first[v + 1] = count
+
+
+@kernel
+def _lay_out(faces, head, after, mark, end, slot, own, column):
+    """Fill column, the slots of every face's nine blocks [F, 9] and of the diagonal [V]. end: the first block of every row, and
+    afterwards that of the next. Columns come in their order, so that those of a row ascend; the block of a column is the last one
+    of its rows then."""
+    mark[:] = -1
+    for w in range(head.shape[0]):
+        own[w], mark[w] = end[w], w
+        column[end[w]] = w
+        end[w] += 1
+        corner = head[w]
+        while corner >= 0:
+            f, j = corner // 3, corner % 3
+            for i in range(3):
+                v = faces[f, i]
+                if mark[v] != w:
+                    mark[v], column[end[v]] = w, w
+                    end[v] += 1
+                slot[f, 3 * i + j] = end[v] - 1
+            corner = after[corner]
 
 
 def _conjugate_gradients(matrix, right, inverse):

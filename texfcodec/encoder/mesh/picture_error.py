@@ -190,17 +190,17 @@ class PictureComparison:
         """True if the file's normals are closer to face normals than to smooth ones."""
         if self.scene.corner_normal is None:
             return False
-        apart = [np.square(self._of_source(rule) - self.scene.corner_normal).sum() for rule in (FLAT, SMOOTH)]
+        apart = [np.square(self._of_source(rule).astype(np.float64) - self.scene.corner_normal).sum() for rule in (FLAT, SMOOTH)]
         return bool(apart[0] < apart[1])
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """Normals that follow from the source's positions, at the corners of all its faces, float64 [F, 3, 3]."""
+        """Normals that follow from the source's positions, at the corners of all its faces, float32 [F, 3, 3]."""
         return self._of_source(FLAT if self.is_flat else SMOOTH)
 
     def _of_source(self, rule):
         lattice = fit_cube(self.scene.positions, MAX_BITS).to_lattice(self.scene.positions)
-        return corner_normals(lattice, self.scene.faces, [rule]).astype(np.float64)
+        return corner_normals(lattice, self.scene.faces, [rule])
 
 
 def _with_tangents(scene):

@@ -18,7 +18,6 @@ import numpy as np
 from ...geometry.areas import used_vertices
 from ...geometry.mesh import Mesh
 from .collapse import collapse_all
-from .quadrics import vertex_quadrics
 from .topology import FIXED, line_edges, undirected, vertex_kinds
 
 
@@ -43,9 +42,9 @@ class SimplifiedMesh:
 @dataclass(frozen=True, kw_only=True)
 class Simplification:
     """A sequence of collapses. source: the mesh that it starts from; lines: int64 [L, 2], its edges that are borders or named;
-    kept, removed: int64 [C], the vertices that a collapse joins, the first of which stays; placed: float64 [C, 3], the position
+    kept, removed: int32 [C], the vertices that a collapse joins, the first of which stays; placed: float64 [C, 3], the position
     of the joined vertex; error: float64 [C], the sum of squared distances to the planes there, by their areas, in units of half
-    the longest side; remaining: int64 [C], faces after it, descending; last: int64 [F], the collapse that removes a face, C for
+    the longest side; remaining: int32 [C], faces after it, descending; last: int32 [F], the collapse that removes a face, C for
     those that stay, -1 for those that had two equal corners."""
 
     source: Mesh
@@ -100,8 +99,8 @@ def simplify(source: Mesh, lines: np.ndarray | None = None, fixed: np.ndarray | 
     kind = vertex_kinds(faces, line, len(positions))
     if fixed is not None:
         kind[np.asarray(fixed, bool)] = FIXED
-    collapsed = collapse_all(positions, faces, line[edge], kind, vertex_quadrics(positions, faces, line[edge]))
-    last = np.full(len(source.faces), -1)
+    collapsed = collapse_all(positions, faces, line[edge], kind, len(ends))
+    last = np.full(len(source.faces), -1, np.int32)
     last[whole] = collapsed.last
     stays = collapsed.fixed[:, None]  # the place of a vertex that stays is not scaled there and back
     placed = np.where(stays, source.positions[collapsed.kept], collapsed.placed * half + middle)

@@ -32,6 +32,7 @@ HOLD = 0.3
 LINE_WEIGHT = 0.3
 HALVINGS = 50  # of a displacement that turns a face; some ten faces of ten thousand are turned without
 LINE_POINTS = 4  # on each edge of a line
+BLOCK = 1 << 16  # points that are added at a time
 SIDES = ((0.5, 0.5, 0.0), (0.0, 0.5, 0.5), (0.5, 0.0, 0.5))  # their middles: a quadrature that is exact for squares
 
 
@@ -51,15 +52,19 @@ class MatchedLines(NamedTuple):
     mesh: np.ndarray
 
 
-class _SampledSource(NamedTuple):
-    """A source surface with evenly spread points. points, normals: float64 [M, 3]; share: area that each point stands for;
-    nearest: its NearestPoints."""
+class _SampledSource:
+    """A source surface with evenly spread points. points: float64 [M, 3]; face: int64 [M], that they are on; share: area that
+    each stands for; nearest: NearestPoints of the mesh."""
 
-    mesh: Mesh
-    nearest: NearestPoints
-    points: np.ndarray
-    normals: np.ndarray
-    share: float
+    def __init__(self, mesh: Mesh, samples: int) -> None:
+        self.mesh, self.nearest = mesh, NearestPoints(mesh)
+        self.face, bary = sample_surface(mesh.positions, mesh.faces, samples)
+        self.points = points_at(mesh, self.face, bary)
+        self.share = float(face_areas(mesh.positions, mesh.faces).sum()) / samples
+
+    def spacing(self, mesh: Mesh) -> float:
+        """Return the side of a square that a face of another mesh stands for."""
+        return np.sqrt(self.share * len(self.points) / len(mesh.faces))
 
 
 def fit_vertices(source: Mesh, mesh: Mesh, lines: MatchedLines | None = None, samples: int = SAMPLES, rounds: int = ROUNDS,
@@ -74,17 +79,14 @@ def fit_vertices(source: Mesh, mesh: Mesh, lines: MatchedLines | None = None, sa
     middle, half = source.frame()
     source, mesh = (Mesh((m.positions - middle) / half, m.faces) for m in (source, mesh))
     samples = max(samples, LEAST_SAMPLES * len(mesh.faces))
-    face, bary = sample_surface(source.positions, source.faces, samples)
-    target = NearestPoints(source)
-    share = float(face_areas(source.positions, source.faces).sum()) / samples
-    sampled = _SampledSource(source, target, points_at(source, face, bary), target.normals[face], share)
+    sampled = _SampledSource(source, samples)
     normals = area_normals(mesh)
     for seed in range(1, rounds + 1):
         equations = NormalEquations(mesh.faces, len(mesh.positions))
         _add_surfaces(equations, mesh, sampled, seed, threads)
         _add_own(equations, mesh, 2 * HOLD)
         if lines is not None:
-            _add_lines(equations, (mesh, lines.mesh), (source, lines.source), np.sqrt(share * samples / len(mesh.faces)))
+            _add_lines(equations, (mesh, lines.mesh), (source, lines.source), sampled.spacing(mesh))
         moved, matrix = equations.solve(STIFFNESS, DAMPING)
         mesh = Mesh(mesh.positions + _unturned(mesh, moved, normals)[:, None] * moved, mesh.faces)
     return VertexFit(Mesh(mesh.positions * half + middle, mesh.faces), matrix)
@@ -96,7 +98,7 @@ def own_fit(mesh: Mesh) -> VertexFit:
     middle, half = mesh.frame()
     equations = NormalEquations(mesh.faces, len(mesh.positions))
     _add_own(equations, Mesh((mesh.positions - middle) / half, mesh.faces), 1.0)
-    return VertexFit(mesh, equations.solve(STIFFNESS, DAMPING)[1])
+    return VertexFit(mesh, equations.matrix(STIFFNESS, DAMPING))
 
 
 def _unturned(mesh, moved, normals):
@@ -121,28 +123,44 @@ def _add_own(equations, mesh, weight):
     """Add the mesh's distance to its own present surface."""
     cross = area_normals(mesh)
     length = np.linalg.norm(cross, axis=1)
-    normals, face = cross / np.where(length > 0, length, 1.0)[:, None], np.arange(len(mesh.faces))
+    cross /= np.where(length > 0, length, 1.0)[:, None]
     for side in SIDES:
-        bary, nothing = np.tile(side, (len(face), 1)), np.zeros((len(face), 3))
-        equations.add(PointResiduals(face, bary, nothing, normals, weight * length / 6), 1 - TANGENTIAL, TANGENTIAL)
+        for some in _blocks(len(cross)):
+            face = np.arange(*some.indices(len(cross)))
+            bary, nothing = np.tile(side, (len(face), 1)), np.zeros((len(face), 3))
+            equations.add(PointResiduals(face, bary, nothing, cross[some], weight * length[some] / 6), 1 - TANGENTIAL, TANGENTIAL)
 
 
 def _add_surfaces(equations, mesh, sampled, seed, threads):
     """Add points of both surfaces. sampled: _SampledSource."""
-    source, target, points, normals, share = sampled
-    moving = NearestPoints(mesh)
-    turn = np.sqrt(share * len(points) / len(mesh.faces))
-    there = moving.find(points, normals, turn, threads=threads)
-    agree = (moving.normals[there.face] * normals).sum(axis=1) > 0
-    residual = points - points_at(mesh, there.face, there.bary)
-    equations.add(PointResiduals(there.face, there.bary, residual, normals, share * agree), 1 - TANGENTIAL, TANGENTIAL)
-    face, bary = sample_surface(mesh.positions, mesh.faces, len(points), seed)
+    moving, turn = NearestPoints(mesh), sampled.spacing(mesh)
+    there = moving.find(sampled.points, sampled.nearest.normals(sampled.face), turn, threads=threads)
+    for some in _blocks(len(there.face)):
+        face, bary, normals = there.face[some], there.bary[some], sampled.nearest.normals(sampled.face[some])
+        residual = sampled.points[some] - points_at(mesh, face, bary)
+        _add_agreeing(equations, PointResiduals(face, bary, residual, normals, sampled.share), moving.normals(face))
+    count = len(sampled.points)
+    del there
+    face, bary = sample_surface(mesh.positions, mesh.faces, count, seed)
     points = points_at(mesh, face, bary)
-    there = target.find(points, moving.normals[face], turn, threads=threads)
-    normals = target.normals[there.face]
-    agree = (moving.normals[face] * normals).sum(axis=1) > 0
-    residual = points_at(source, there.face, there.bary) - points
-    equations.add(PointResiduals(face, bary, residual, normals, share * agree), 1 - TANGENTIAL, TANGENTIAL)
+    own = moving.normals(face)
+    del moving
+    there = sampled.nearest.find(points, own, turn, threads=threads)
+    for some in _blocks(count):
+        normals = sampled.nearest.normals(there.face[some])
+        residual = points_at(sampled.mesh, there.face[some], there.bary[some]) - points[some]
+        _add_agreeing(equations, PointResiduals(face[some], bary[some], residual, normals, sampled.share), own[some])
+
+
+def _add_agreeing(equations, points, own):
+    """Add the PointResiduals whose direction agrees with their own normals, float64 [M, 3]; weight: of each point."""
+    agree = (own * points.direction).sum(axis=1) > 0
+    equations.add(points._replace(weight=points.weight * agree), 1 - TANGENTIAL, TANGENTIAL)
+
+
+def _blocks(count):
+    """Return slices of BLOCK points below count."""
+    return [slice(begin, begin + BLOCK) for begin in range(0, count, BLOCK)]
 
 
 def _add_lines(equations, moving, source, spacing):

@@ -29,6 +29,17 @@ def wall(image, wrap=(WRAP_REPEAT, WRAP_REPEAT), low=0.0, high=1.0, n=6, **mater
                  [Material("wall", texture=0, double_sided=True, **material)], [Texture(image, wrap)])
 
 
+def noisy_wall(noise, n=8):
+    """A wall whose left half is flat and whose right half is another material with noise."""
+    scene = wall(smooth_image(64, 64, 3), n=n)
+    image = smooth_image(64, 64, 3, seed=1).astype(float)
+    image[..., :3] += np.random.default_rng(0).normal(0, noise, (64, 64, 3))
+    scene.textures.append(Texture(np.clip(image, 0, 255).astype(np.uint8)))
+    scene.materials = [Material("calm", texture=0), Material("noisy", texture=1)]
+    scene.face_material[len(scene.faces) // 2 :] = 1
+    return scene
+
+
 def coded(scene, lod=0, **options):
     options = EncodeOptions(**({"support": "texels", "resolution": 64, "qp": 16} | options))
     return decode(encode(scene, options), DecodeOptions(lod=lod))

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from shapes import painted_sphere
-from walls import boxes, smooth_image, wall
+from walls import boxes, noisy_wall
 
 from texfcodec import EncodeOptions, InputError, LimitError, Report, decode
 from texfcodec.api import encode_loaded, encode_to_result
@@ -18,7 +18,7 @@ from texfcodec.encoder.values.coder import Coder
 from texfcodec.encoder.verify import Miss, _most_bytes, misses, promised_psnr, warnings_of
 from texfcodec.metrics.psnr_3d import measure
 from texfcodec.options import RATES
-from texfcodec.scene.scene import ALPHA_BLEND, Material, Texture
+from texfcodec.scene.scene import ALPHA_BLEND
 
 
 @pytest.fixture(autouse=True)
@@ -26,17 +26,6 @@ def coarse_rates(monkeypatch):
     """The rates with fewer voxels, so that this takes seconds."""
     for name, (_, qp) in RATES.items():
         monkeypatch.setitem(RATES, name, (256, qp))
-
-
-def noisy_wall(noise, n=8):
-    """A wall whose left half is flat and whose right half is another material with noise."""
-    scene = wall(smooth_image(64, 64, 3), n=n)
-    image = smooth_image(64, 64, 3, seed=1).astype(float)
-    image[..., :3] += np.random.default_rng(0).normal(0, noise, (64, 64, 3))
-    scene.textures.append(Texture(np.clip(image, 0, 255).astype(np.uint8)))
-    scene.materials = [Material("calm", texture=0), Material("noisy", texture=1)]
-    scene.face_material[len(scene.faces) // 2 :] = 1
-    return scene
 
 
 def test_the_check_has_the_figures_of_a_decoder_and_names_the_worst_part():

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-
 BLOCK = 1 << 16  # points whose corners are held at a time
 
 

@@ -23,6 +23,7 @@ from .topology import wedges
 
 POINTS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6  # on every face: a quadrature that is exact for squares
 STIFFNESS, DAMPING = 1e-4, 1e-4
+BLOCK = 1 << 16  # points that are added at a time
 
 
 class SeamedMesh(NamedTuple):
@@ -40,18 +41,31 @@ def carried_uvs(seamed_source: SeamedMesh, corner_uv: np.ndarray, simplified: Se
     """
     (source, seams), (mesh, mesh_seams) = seamed_source, simplified
     chart, (wedge, _) = wedges(source.faces, seams)[1], wedges(mesh.faces, mesh_seams)
-    of, bary = np.repeat(np.arange(len(source.faces)), len(POINTS)), np.tile(POINTS, (len(source.faces), 1))
-    near = NearestPoints(mesh, chart[face]).find(points_at(source, of, bary), face_normals(source.positions[source.faces])[of],
-                                                 TURN * 2 * source.frame()[1], chart[of], threads)
-    used = chart[face][near.face] == chart[of]
-    target, weight = (corner_uv[of] * bary[..., None]).sum(axis=1), face_areas(source.positions, source.faces)[of] / len(POINTS)
-    uv = _means(wedge, corner_uv[face])
-    residual = np.zeros((len(of), 3))
-    residual[:, :2] = target - (uv[wedge][near.face] * near.bary[..., None]).sum(axis=1)
+    group, count = chart[face], len(source.faces) * len(POINTS)
+    points = np.empty((count, 3))
+    for some, of, bary in _source_points(count):
+        points[some] = points_at(source, of, bary)
+    normals = np.repeat(face_normals(source.positions[source.faces]), len(POINTS), axis=0)
+    turn = TURN * 2 * source.frame()[1]
+    near = NearestPoints(mesh, group).find(points, normals, turn, np.repeat(chart, len(POINTS)), threads)
+    del points, normals
+    areas, uv = face_areas(source.positions, source.faces), _means(wedge, corner_uv[face])
     equations = NormalEquations(wedge, len(uv))
-    equations.add(PointResiduals(face=near.face[used], bary=near.bary[used], residual=residual[used],
-                                 direction=np.zeros((int(used.sum()), 3)), weight=weight[used]), 0.0, 1.0)
+    for some, of, bary in _source_points(count):
+        used = group[near.face[some]] == chart[of]
+        there, there_bary, of, bary = near.face[some][used], near.bary[some][used], of[used], bary[used]
+        residual = np.zeros((len(of), 3))
+        residual[:, :2] = (corner_uv[of] * bary[..., None]).sum(axis=1) - (uv[wedge[there]] * there_bary[..., None]).sum(axis=1)
+        equations.add(PointResiduals(face=there, bary=there_bary, residual=residual, direction=np.zeros((len(of), 3)),
+                                     weight=areas[of] / len(POINTS)), 0.0, 1.0)
     return (uv + equations.solve(STIFFNESS, DAMPING)[0][:, :2])[wedge]
+
+
+def _source_points(count):
+    """Yield BLOCK of the points of all faces at a time: (slice, faces int64 [M], barycentric coordinates float64 [M, 3])."""
+    for begin in range(0, count, BLOCK):
+        row = np.arange(begin, min(begin + BLOCK, count))
+        yield slice(begin, begin + len(row)), row // len(POINTS), POINTS[row % len(POINTS)]
 
 
 def _means(wedge, corner):

@@ -88,8 +88,8 @@ class NormalEquations:
 
 @kernel
 def _count_blocks(faces, head, after, mark, first):
-    """Fill head [V] and after [3 F], the corners 3 f + i of every vertex as a list that ends with -1, and the rows of first from 1
-    on with their numbers of blocks. mark: [V], -1."""
+    """Fill head [V] and after [3 F], the corners 3 f + i of every vertex as a list that ends with -1, and first from 1 on with
+    the numbers of blocks of rows. mark: [V], -1."""
     for corner in range(3 * faces.shape[0]):
         v = faces[corner // 3, corner % 3]
         after[corner], head[v] = head[v], corner

@@ -187,7 +187,7 @@ def test_two_sheets_that_face_apart_are_not_drawn_onto_each_other():
     both = Mesh(np.concatenate([upper.positions, lower.positions]), faces)
     group, moved = np.zeros(len(both.faces), np.int64), Mesh(both.positions - [0, 0, 0.008], both.faces)
     drawn = draw_onto(moved, group, both, group)  # the upper sheet lies nearer to the lower one now
-    sheet = drawn.place >= len(upper.faces)
+    sheet = drawn.place[drawn.mesh.faces] >= len(upper.faces)
     assert not sheet[: len(upper.faces)].any() and sheet[len(upper.faces) :].all()
 
 

@@ -66,6 +66,17 @@ def test_the_stream_is_written_when_nothing_else_may_fail(call, tmp_path, monkey
     assert code == 6 and "TXF-L09" in said and [path.name for path in tmp_path.iterdir()] == ["a.obj"]
 
 
+@pytest.mark.parametrize("effort, said", [("best", "effort fast takes up to a quarter less"), ("fast", "which takes least")])
+def test_an_encode_that_runs_out_of_memory_says_which_effort_takes_less(call, tmp_path, monkeypatch, effort, said):
+    def no_memory(*_):
+        raise MemoryError
+
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    monkeypatch.setattr("texfcodec.encoder.verify.encode_checked", no_memory)
+    code, _, log = call("texf-enc", tmp_path / "a.obj", tmp_path / "a.texf", "--effort", effort)
+    assert code == 6 and f"TXF-L09: there is not enough memory at effort {effort}" in log and said in log
+
+
 # Sweeps
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +10,7 @@ from numba import version_info
 from numba.core.codegen import JITCodeLibrary
 from numba.core.targetconfig import TargetConfig
 
-NEW_PASSES = (0, 62)
+TRIED = (0, 68)  # earlier ones have other passes
 
 
 class KernelLibrary(JITCodeLibrary):
@@ -86,9 +85,9 @@ class KernelLibrary(JITCodeLibrary):
 
 @contextmanager
 def kernel_libraries(codegen: Any, called: str) -> Iterator[None]:
-    """Context manager: codegen makes a KernelLibrary of every function, if numba is one that has LLVM's new passes. called:
+    """Context manager: codegen makes a KernelLibrary of every function, if numba is not older than TRIED. called:
     qualified name of the function that Python calls, "" for none."""
-    if version_info.short < NEW_PASSES:
+    if version_info.short < TRIED:
         yield
         return
     before = codegen._library_class, KernelLibrary.called
@@ -99,14 +98,13 @@ def kernel_libraries(codegen: Any, called: str) -> Iterator[None]:
         codegen._library_class, KernelLibrary.called = before
 
 
-@cache
-def _defaults(settings):
-    return {name: option.default for name, option in settings.options.items()}
-
-
 def _values(self):
-    return {**_defaults(type(self)), **self._values}
+    kind = type(self)
+    if kind not in _DEFAULTS:
+        _DEFAULTS[kind] = {name: option.default for name, option in kind.options.items()}
+    return {**_DEFAULTS[kind], **self._values}
 
 
 # Numba compares settings at each operator it types, a fifth of its time, and reads each of them through a property.
-TargetConfig.values = _values
+_DEFAULTS: dict[type, dict[str, Any]] = {}
+TargetConfig.values = _values  # type: ignore[method-assign]

@@ -18,6 +18,7 @@ from numba.core.event import install_listener
 
 from texfcodec.core import kernel as kernel_room
 from texfcodec.core.kernel import cache_folder, fingerprint, kernel
+from texfcodec.core.kernel_library import TRIED, KernelLibrary
 
 PACKAGE = kernel_room.PACKAGE
 
@@ -106,7 +107,7 @@ def test_only_the_kernel_room_asks_numba():
     asking = [path for path in PACKAGE.rglob("*.py") for node in ast.walk(ast.parse(path.read_text()))
               if isinstance(node, ast.Import | ast.ImportFrom)
               and any(n.split(".")[0] == "numba" for n in [getattr(node, "module", None) or "", *(a.name for a in node.names)])]
-    assert {path.relative_to(PACKAGE).as_posix() for path in asking} == {"core/kernel.py"}
+    assert {path.relative_to(PACKAGE).as_posix() for path in asking} == {"core/kernel.py", "core/kernel_library.py"}
 
 
 def test_a_kernel_that_kernels_call_is_compiled_once_whatever_the_constants(tmp_path, monkeypatch):
@@ -135,6 +136,26 @@ def test_a_kernel_that_kernels_call_is_compiled_once_whatever_the_constants(tmp_
         assert _next(7) == 8  # still callable from Python
     assert compiled == ["_sum", "_next", "_next"]
     assert {file.name.split("-")[0].rsplit(".", 1)[1] for file in tmp_path.glob("*/*.nbi")} == {"_sum", "_next"}
+
+
+@pytest.mark.skipif(numba.version_info.short < TRIED, reason="an older numba")
+def test_a_function_that_only_kernels_call_is_not_translated_by_itself(tmp_path, monkeypatch):
+    """It was optimised and translated on its own and again within each caller, a sixth of a first run."""
+    monkeypatch.setattr(kernel_room, "cache_folder", lambda path: tmp_path)
+    translated, translate = [], KernelLibrary._finalize_specific
+    monkeypatch.setattr(KernelLibrary, "_finalize_specific", lambda self: translated.append(self.name) or translate(self))
+
+    def _next(v):
+        return v + 1
+
+    def _sum(v):
+        return _next(v) + _next(2 * v)
+
+    _next = kernel(_next)
+    assert kernel(_sum)(5) == 17 and [name.rsplit(".", 1)[1] for name in translated] == ["_sum"]
+    _next = kernel(_next.py_func)  # as a later process: loaded from the cache and linked into another caller
+    again = kernel(lambda v: _next(v))
+    assert again(5) == 6 and [name.rsplit(".", 1)[1] for name in translated] == ["_sum", "<lambda>"]
 
 
 def test_the_collector_rests_while_a_kernel_is_compiled_and_runs_again(tmp_path, monkeypatch):

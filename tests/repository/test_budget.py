@@ -8,13 +8,13 @@ LONGEST_LINE = 2000  # a file with a longer one is a bundle, which does not coun
 
 # Folders, the deepest that holds a file counts it: the most lines of all their files together.
 BUDGETS = {
-    ("texfcodec",): 52_480,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, faster choices 300,
+    ("texfcodec",): 52_680,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
     # memory of large meshes 100
     ("js", "native"): 8_115,  # 1,500 came with coded meshes of a glTF on a page, expand() and its fuzzer; 220 with its atlas
     ("tools",): 11_950,  # target 10,500; 130 are of scenes
     ("tools/gpu",): 3_100,  # came with fitting, frames and decoding on a GPU, whose page must be made again
     ("conformance",): 8_450,  # target 7,500; 600 are of glTF files with streams and what expands them
-    ("tests",): 41_290,  # 55 are of ladders and vectors made again;
+    ("tests",): 41_340,  # 55 are of ladders and vectors made again;
     # 2,050 are of scenes, 50 of trials that end early; 2,600 came from tools/proof; target 29,000
 }
 

@@ -33,11 +33,12 @@ IMPORT = re.compile(rb"^[ \t]*from[ \t]+(\.+|texfcodec\b\.?)([\w.]*)[ \t]+import
 def _read(path: Path) -> tuple[str, bytes, tuple[Path, ...]]:
     """Returns (path within the package, hash of the content, package files that it imports, at the top or inside functions)."""
     content, imported = path.read_bytes(), []
-    for start, module, names in IMPORT.findall(content):
+    for start, module, names in IMPORT.findall(content):  # by strings: these loops as Paths took 0.1 s of every run
         root = path.parents[len(start) - 1] if start.startswith(b".") else PACKAGE
-        place = root.joinpath(*module.decode().split("."))
-        for candidate in (place, *(place / name for name in re.findall(r"\w+", names.decode()))):
-            imported += [file for file in (candidate.with_suffix(".py"), candidate / "__init__.py") if file.is_file()]
+        place = os.path.join(root, *module.decode().split("."))
+        for candidate in (place, *(os.path.join(place, name) for name in re.findall(r"\w+", names.decode()))):
+            files = f"{candidate}.py", os.path.join(candidate, "__init__.py")
+            imported += [Path(file) for file in files if os.path.isfile(file)]
     return os.path.relpath(path, PACKAGE), hashlib.sha256(content).digest(), tuple(imported)
 
 
@@ -97,7 +98,7 @@ def kernel(function: Callable | None = None, allocates: bool = False, **options:
         return partial(kernel, allocates=allocates, **options)
     import numba
 
-    folder, options = cache_folder(Path(function.__code__.co_filename)), {"_nrt": allocates, **options}
+    folder, options = cache_folder(Path(function.__code__.co_filename)), {"_nrt": allocates, "no_cfunc_wrapper": True, **options}
     compiled = _compiled(numba, function, folder, options)
     if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba sets its settings when it is imported
         _serve_kernels(numba, compiled, function, folder / "plain", options)
@@ -136,18 +137,22 @@ def _compiled(numba, function, folder, options):
     if not numba.config.DISABLE_JIT:
         _share(dispatcher._cache, folder / f"{function.__name__}.lock")
         compiling = folder / f"{function.__name__}.compiling"
-        dispatcher.compile = _once(numba.core.compiler_lock.global_compiler_lock, compiling, dispatcher.compile)
+        called = "" if options.get("no_cpython_wrapper") else function.__qualname__
+        dispatcher.compile = _once(dispatcher, called, compiling)
     return dispatcher
 
 
 def _share(cache, lock):
     """Makes numba's cache of a kernel safe to share between processes and robust to damaged files. lock: path of a lock file."""
-    load, save = cache.load_overload, cache.save_overload
+    from numba.core.runtime import rtsys
+
+    save = cache.save_overload
 
     def load_ours(sig, target):
         try:
             with _alone(lock):
-                overload = load(sig, target)
+                rtsys.initialize(target)  # numba also prepares to compile, 0.3 s for a process that only loads
+                overload = cache._load_overload(sig, target)
         except Exception:  # whatever unpickling makes of a file that was cut short
             return None
         return overload if overload is not None and overload.signature.args == tuple(getattr(sig, "args", sig)) else None
@@ -185,17 +190,21 @@ def _serve_kernels(numba, dispatcher, function, folder, options):
     """Makes kernels that call this one compile a plain version of it. dispatcher: numba's, of this kernel. The plain version has
     no wrappers for Python, and it is compiled once for 0, 1 and any other integer; numba would take each constant for a type of
     its own. This shortens a first run by a third."""
-    options, unliteral = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}, numba.types.unliteral
+    options, unliteral = {"no_cpython_wrapper": True, **options}, numba.types.unliteral
     plain = lru_cache(maxsize=1)(lambda: _compiled(numba, function, folder, options))  # at the first call by a kernel
     dispatcher.get_call_template = lambda args, kws: plain().get_call_template(tuple(unliteral(a) for a in args), kws)
     dispatcher.get_overload = lambda sig: plain().get_overload(sig)
 
 
-def _once(lock, file, compile_one):
-    """Returns compile_one with the garbage collector off, for one process at a time. The collector scans numba's many objects
-    repeatedly, a tenth of a first run, and finds little. lock: numba's re-entrant lock, which a compiling thread takes anyway;
-    file: the kernel's lock file. No kernel calls itself, so processes never wait for each other in a circle."""
-    compiling = False
+def _once(dispatcher, called, file):
+    """Returns dispatcher.compile with the garbage collector off, for one process at a time. The collector scans numba's many
+    objects repeatedly, a tenth of a first run, and finds little. called: as in kernel_libraries(); file: the kernel's lock file.
+    No kernel calls itself, so processes never wait for each other in a circle."""
+    from numba.core.compiler_lock import global_compiler_lock as lock
+
+    from .kernel_library import kernel_libraries
+
+    compiling, compile_one, codegen = False, dispatcher.compile, dispatcher.targetctx.codegen()
 
     def compiled(signature):
         nonlocal compiling
@@ -205,7 +214,7 @@ def _once(lock, file, compile_one):
             collecting, compiling = gc.isenabled(), True
             gc.disable()
             try:
-                with _alone(file):
+                with _alone(file), kernel_libraries(codegen, called):
                     return compile_one(signature)
             finally:
                 compiling = False

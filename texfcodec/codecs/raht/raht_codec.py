@@ -41,20 +41,18 @@ class Raht(PlaneCodec):
         return raht_values(coded, colour), decoded
 
     def run_kernels(self, encoding: bool = True) -> None:
-        """Run the kernels once, so that their compiled code is cached: decode arbitrary bytes, then, if encoding, code values
-        with residuals."""
+        """Run the kernels of lossy coding once, so that their compiled code is cached: decode arbitrary bytes, then, if encoding,
+        code values."""
         from .attribute_coder import CodedAttributes, Tools, dec_attributes, enc_attributes
-        from .coefficients.residual import ResidualPlan
-        from .transform.colour import inverse_colour
         from .transform.filter import RINGS, stage_of
 
-        keys, values, qp, tools = np.arange(64), np.zeros((64, 3), np.uint8), [20] * 3, Tools(models=8, filters=1)
+        keys, qp, tools = np.arange(64), [20] * 3, Tools(models=8, filters=1)
         stages = [stage_of(1, [1] * RINGS, 3)]
         made_up = CodedAttributes(qp, list(tools.kernel), 0, tools.models, stages, [0] * 3, 0, [0], [b""], [])
         for depth in (1, 2):  # one level has no tables of neighbours to be made
             dec_attributes(keys[: 8**depth], depth, made_up, np.zeros(8, np.uint8), [(0, 8)], depth)
         if encoding:
-            enc_attributes(keys, 2, values, qp, tools, plan=ResidualPlan(0, values, inverse_colour))
+            enc_attributes(keys, 2, np.zeros((64, 3), np.int32), qp, tools)
 
     def dec(self, values: dict, support: VoxelSupport, levels: int, threads: int) -> np.ndarray:
         """Decode a plane without the `levels` finest octree levels: uint8 [n, C] on support.coarser(levels)."""

@@ -61,6 +61,17 @@ def _pair_slot(key, label, keys, labels):
 
 
 @kernel(allocates=True)
+def _twice(entries):
+    """Return entries, int64 [2, n], with as much room again. A copy by slices compiles numba's messages about shapes, for 2 s."""
+    n = entries.shape[1]
+    more = np.empty((2, 2 * n), np.int64)
+    for row in range(2):
+        for i in range(n):
+            more[row, i] = entries[row, i]
+    return more
+
+
+@kernel(allocates=True)
 def _cells(corners, faces, face_label, resolution, walk):
     """Return every (cell, label) that the samples fall into, int64 [2, n], ascending by label, as the faces are. It is a single
     array, because numba lets an interrupt through between two, and crashes on it.
@@ -92,9 +103,7 @@ def _cells(corners, faces, face_label, resolution, walk):
                 continue
             keys[slot], taken[slot] = key, table
             if used == entries.shape[1]:
-                more = np.empty((2, 2 * used), np.int64)
-                more[:, :used] = entries
-                entries = more
+                entries = _twice(entries)
             entries[0, used], entries[1, used] = key, label
             used += 1
             if 2 * (used - begin) > mask:

@@ -213,7 +213,7 @@ def _estimate(scene, options, report):
 
     with report.stage("estimate"):
         voxels, seconds = estimate(scene, options)
-    request = replace(Requests.of(options).prepare, measures_weights=False)  # which takes a second
+    request = replace(Requests.of(options).prepare, weight_size=0)  # weights take a second
     return {**prepare(scene, request, report).evidence, "dry_run": True, "bytes": None, **_sizes(scene, None),
             "resolution": options.resolution, "qp": options.qp, "voxels": None,
             "faces": len(scene.faces), "vertices": len(scene.positions), "materials": len(scene.materials),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from ..codecs import codec_of
 from ..codecs.base import PlaneCodec
 from .mesh.choice import MeshRequest
+from .prepare.channel_weights import SIZES
 from .prepare.stage import PrepareRequest
 from .price import Lagrangian
 from .supports.choice import SupportRequest
@@ -41,7 +42,7 @@ class Requests:
                            max_error=options.max_error, resolution=options.resolution, effort=options.effort,
                            is_free=options.rate_is_free, is_fitted=options.may_fit, area_threshold=options.area_threshold,
                            threads=options.threads, limits=options.limits)
-        return cls(prepare=_request(PrepareRequest, options, measures_weights=options.effort != "fast"),
+        return cls(prepare=_request(PrepareRequest, options, weight_size=SIZES[options.effort]),
                    support=_request(SupportRequest, options, is_joint=codec.joint, finer=finer),
                    price=price, mesh=_request(MeshRequest, options),
                    fill=_request(FillRequest, options, codec=codec, settings=settings))

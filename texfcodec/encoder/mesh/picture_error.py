@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ...scene.scene import Scene
     from ..faces import SentSurface, SourceFaces, SourceSurface
 
-VIEWS, SIZE = 16, 256
+SIZE = 256
 # Pixels of which one is compared: where a moved surface shows the same face, and between other faces. The sides of pictures are
 # no multiples, so that the pixels are spread in rows and columns.
 EVERY, EVERY_OTHER = 13, 7
@@ -121,16 +121,16 @@ class _Shot(NamedTuple):
 class PictureComparison:
     """Comparison of pictures of a Scene with pictures of its moved surface. The source is rendered once, and small parts of it
     alone, in close-up. usual: the scene on its lattice; shown: squared error of pictures by a squared radian of its shading
-    normals."""
+    normals; views: pictures of the whole."""
 
-    def __init__(self, scene: Scene, usual: SourceSurface, shown: float, threads: int) -> None:
+    def __init__(self, scene: Scene, usual: SourceSurface, shown: float, threads: int, views: int = 16) -> None:
         self.shown, self.threads = shown, threads
         self.scene = replace(scene, materials=[replace(m, double_sided=False) for m in scene.materials])
         self.lit = not all(material.unlit for material in scene.materials)
         if self.lit:
             self.scene = _with_tangents(self.scene)
         self._source, self._table = pack_source(self.scene), ShadingTable(self.scene.materials)
-        self._shots = [self._shot(None, VIEWS, SIZE)]
+        self._shots = [self._shot(None, views, SIZE)]
         parts = [_of_source(usual, part, len(scene.faces)) for part in small_parts(usual)]
         self._shots += [self._shot(part, PART_VIEWS, PART_SIZE) for part in parts]
 

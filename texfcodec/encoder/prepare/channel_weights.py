@@ -21,7 +21,7 @@ from ..values.map_planes import map_names
 if TYPE_CHECKING:
     from ...scene.scene import Scene
 
-VIEWS, SIZE = 4, 256
+VIEWS, SIZES = 4, {"fast": 96, "balanced": 256, "best": 256}  # sides of the pictures by effort
 NOISE = 6.0  # levels of 255; 1.5 and 3 give the same weights but for the helmet's normals, 10.0 at 6 and 11.7 at 1.5
 USUAL_GAIN = 0.34  # of base colour: squared error of the picture over that of the values; 0.03 to 0.49 on seven assets
 LEAST, MOST = 0.01, 16.0  # weights: between them are 32 QP
@@ -46,14 +46,14 @@ def shown_of_radians(weights: Weights) -> float:
     return weights.get(SHADING, USUAL_GAIN * BY_NAME["normal"].weight * FLAT**2 / 2)
 
 
-def measured_weights(scene: Scene, is_free: bool, threads: int) -> Weights:
+def measured_weights(scene: Scene, is_free: bool, size: int, threads: int) -> Weights:
     """Return weights by channel name, measured on small lit pictures of a scene: how much more a squared error of a channel's
     values shows than that of base colour usually does. They are measured for base colour, if the encoder may choose the quality
     (is_free), and for the channels that materials have maps of; the other weights are those of the table. The entry SHADING is
-    as shown_of_radians() returns it. scene: with the materials that are coded."""
+    as shown_of_radians() returns it. scene: with the materials that are coded; size: of the pictures, of SIZES."""
     weights, names = table_weights(), sorted(map_names(scene.materials))
     is_lit = scene.corner_normal is not None and not all(material.unlit for material in scene.materials)
-    gains = _gains(scene, names, is_lit, threads) if names or is_lit else {}
+    gains = _gains(scene, names, is_lit, size, threads) if names or is_lit else {}
     weights |= {SHADING: gains.pop(SHADING)} if SHADING in gains else {}
     for name, gain in gains.items():
         channel, weight = BY_NAME[name], gain / USUAL_GAIN
@@ -67,7 +67,7 @@ def measured_weights(scene: Scene, is_free: bool, threads: int) -> Weights:
     return weights
 
 
-def _gains(scene, names, is_lit, threads):
+def _gains(scene, names, is_lit, size, threads):
     """Return {name: squared error of shaded pictures over that of the values} of channels, of base colour if there are any
     channels, and of SHADING if the scene is lit; {} if nothing is visible."""
     opaque = replace(scene, materials=[replace(m, alpha_mode=0) for m in scene.materials])
@@ -76,7 +76,7 @@ def _gains(scene, names, is_lit, threads):
     turned = Lighting(_with_turned_normals(opaque)) if is_lit else lighting
     errors, pixels = dict.fromkeys(names, 0.0), 0
     for i in range(VIEWS):
-        camera = orthographic(fibonacci_direction(i, VIEWS), centre, radius, SIZE)
+        camera = orthographic(fibonacci_direction(i, VIEWS), centre, radius, size)
         two_sided = np.array([m.double_sided for m in scene.materials], bool)[scene.face_material]
         fragments = visible(set_up(camera, scene.positions, scene.faces, True, two_sided), threads)
         if not len(fragments.face):

@@ -27,14 +27,14 @@ BITS_A_STEP = 2
 
 @dataclass(frozen=True, kw_only=True)
 class PrepareRequest:
-    """Fields of EncodeOptions that the stage depends on. measures_weights: whether pictures weigh the channels."""
+    """Fields of EncodeOptions that the stage depends on. weight_size: side of the pictures that weigh channels, or 0."""
 
     position_bits: int
     position_bits_are_free: bool
     limits: Limits
     allow_empty: bool
     effects: str
-    measures_weights: bool
+    weight_size: int
     rate_is_free: bool
     threads: int
 
@@ -47,8 +47,9 @@ def prepare(scene: Scene, request: PrepareRequest, report: Report) -> Prepared:
         needs = needed_scene(scene, surface, request.effects)
     with report.stage("effects", (1, 2)):
         needed = needs.value.scene
-        if request.measures_weights:
-            needed = replace(needed, weights=measured_weights(needed, request.rate_is_free, request.threads))
+        if request.weight_size:
+            weights = measured_weights(needed, request.rate_is_free, request.weight_size, request.threads)
+            needed = replace(needed, weights=weights)
         colours = material_colours(needed, surface)
     return Prepared(scene=needed, materials=needs.value.materials, surface=surface, colours=colours,
                     evidence={"effects": needs.evidence})

@@ -49,15 +49,15 @@ def explain_lines(explained: dict) -> Iterator[str]:
     for row in rows:
         cells = [cell.rjust(width) if i else cell.ljust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=False))]
         yield "  " + "  ".join([*cells, row[7]]).rstrip()
-    yield f"whole stream; PSNR of Y of {explained['views']} views in daylight; a warm run each; extra seconds are processor seconds"
+    yield (f"whole stream; PSNR of Y of {explained['views']} views in daylight; a warm run each; extra seconds are processor "
+           "seconds")
     if explained["not_tried"]:
         settings = ", ".join(explained['not_tried'])
         yield f"not tried within {explained['budget']:.0f} s: {settings}; raise --explain-seconds to try them"
 
 
 def _dominated(row):
-    by = [name or "the request" for name in row.get("by", ())]
-    return f"; dominated by {' and '.join(by[:2])}" if by else ""
+    return f"; dominated by {' and '.join(name or 'the request' for name in row['by'][:2])}" if row.get("by") else ""
 
 
 def _measured(row):

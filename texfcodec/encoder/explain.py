@@ -46,9 +46,8 @@ class Neighbour:
     @property
     def name(self) -> str:
         """The change as flags of the command line."""
-        flags = {"max_error": "near-lossless"}
-        return " ".join(f"--{flags.get(name, name).replace('_', '-')} {value}" for name, value in self.change.items()
-                        if value is not False)
+        flags = {name: name.replace("_", "-") for name in self.change} | {"max_error": "near-lossless"}
+        return " ".join(f"--{flags[name]} {value}" for name, value in self.change.items() if value is not False)
 
     @property
     def is_rate(self) -> bool:
@@ -88,8 +87,7 @@ def neighbours_of(options: EncodeOptions, encoded: Encoded) -> Iterator[Neighbou
                     yield Neighbour(change, scale**2)
             if options.partition == "auto":
                 yield Neighbour({"partition": "off"}, 0.9)
-        for bits in (options.position_bits - BITS_STEP, options.position_bits + BITS_STEP):
-            yield Neighbour({"position_bits": bits})
+        yield from (Neighbour({"position_bits": options.position_bits + step}) for step in (-BITS_STEP, BITS_STEP))
     if options.max_error is not None:
         bounds = {options.max_error // 2, min(2 * options.max_error + 1, 127)} - {options.max_error, 0}
         yield from (Neighbour({"max_error": bound, "lossless": False}) for bound in sorted(bounds))
@@ -99,9 +97,9 @@ def neighbours_of(options: EncodeOptions, encoded: Encoded) -> Iterator[Neighbou
 
 def _rates(options, encoded):
     """The next rates, or QPs of a request that names one."""
+    at, rates = list(RATES).index(options.rate), list(RATES)
     if options.max_error is None and options.given["qp"] is None:
-        at, rates = list(RATES).index(options.rate), list(RATES)
-        yield from (Neighbour({"rate": rate}) for rate in (*rates[max(at - 1, 0) : at], *rates[at + 1 : at + 2]))
+        yield from (Neighbour({"rate": rate}) for rate in rates[max(at - 1, 0) : at + 2] if rate != options.rate)
     elif encoded.qp is not None:
         yield from (Neighbour({"qp": qp}) for qp in (encoded.qp + QP_STEP, encoded.qp - QP_STEP) if 0 <= qp <= 63)
 
@@ -137,7 +135,7 @@ def explain_time(scene: Scene, options: EncodeOptions, encoded: Encoded, stages:
 
     scene: Scene; options: as it was encoded; encoded: the result of that encode; stages: seconds by stage (Report.seconds);
     budget: seconds for neighbours, one of which is always tried; None: ENCODES times the encode. The base, options once more
-    with warm kernels, and its rate curve come before them. Returns {"stages", "budget", "spent", "views", "size", "base",
+    with warm kernels, and its rate curve come before them. Returns {"stages", "budget", "spent", "views", "base",
     "neighbours", "not_tried"}: base and neighbours are rows {"change", "seconds", "processor_seconds", "bytes", "psnr_y",
     "percent", "per_second", "verdict", "by"}. percent is bytes above those of the base at equal PSNR of Y of views in daylight;
     per_second is the percent that one second more saves, or one second less costs; by are the changes that dominate it, "" for
@@ -162,15 +160,10 @@ def explain_time(scene: Scene, options: EncodeOptions, encoded: Encoded, stages:
             if rows[-1].get("percent") is not None and not neighbour.is_rate:
                 points[neighbour.name] = rows[-1]
     for name, row in points.items():
-        row["by"] = [other for other, its in points.items() if other != name and _dominates(its, row)]
-    spent = round(time.perf_counter() - begin, 3)
-    return {"stages": stages, "budget": round(budget, 3), "spent": spent, "views": VIEWS, "size": SIZE,
+        row["by"] = [other for other, its in points.items() if other != name and BETTER == verdict(
+            row["processor_seconds"], its["processor_seconds"], its["percent"] - row["percent"])]
+    return {"stages": stages, "budget": round(budget, 3), "spent": round(time.perf_counter() - begin, 3), "views": VIEWS,
             "base": points[""], "neighbours": rows, "not_tried": not_tried}
-
-
-def _dominates(row, other):
-    """Whether row's setting is not worse than other's in seconds and in bytes at equal quality, and better in one."""
-    return verdict(other["processor_seconds"], row["processor_seconds"], row["percent"] - other["percent"]) == BETTER
 
 
 def _tried(bench, requested, neighbour, base, curve):
@@ -190,10 +183,8 @@ def percent_of(curve: list[dict], row: dict) -> float | None:
     """Return the percent by which the bytes of an encode exceed those of a rate curve at the same PSNR. row: {"bytes", "psnr_y"}
     of the encode; curve: such rows of the base at several QPs. If the row has the PSNR of the curve's first point (None: exact),
     bytes alone count. None if the curve does not reach that PSNR."""
-    if row["psnr_y"] == curve[0]["psnr_y"]:
-        return 100.0 * (row["bytes"] / curve[0]["bytes"] - 1)
-    if row["psnr_y"] is None:
-        return None
+    if row["psnr_y"] in (curve[0]["psnr_y"], None):
+        return 100.0 * (row["bytes"] / curve[0]["bytes"] - 1) if row["psnr_y"] == curve[0]["psnr_y"] else None
     points = [p for p in curve if p["psnr_y"] is not None]
     try:
         return difference_at([p["bytes"] for p in points], [p["psnr_y"] for p in points], row["bytes"], row["psnr_y"])

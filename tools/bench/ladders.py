@@ -2,14 +2,14 @@
 
 python tools/bench/ladders.py ROWS.jsonl --assets FOLDER [--asset NAME ...] [--tool NAME ...] [--again]
 
-Rows that ROWS.jsonl has are not measured again; --again drops those that the other flags select before. A row: "asset", "tool",
-"effort", "point" (rate or quality), "threads", "bytes" of everything, "psnr" of Y in daylight, 8 views of 512 pixels, and "encode"
-and "decode", each [processor seconds of the process and its children, seconds of wall]; "commit". Rows of the tool "knobs" have "explained" instead: what
-texf-enc --explain-time measures. A tool that is not
-here, or that codes no such asset, is named on stderr.
+Rows that ROWS.jsonl has are not measured again; --again drops those before that the other flags select. A row: "asset", "tool",
+"effort", "point" (rate or quality), "threads", "bytes" of everything, "psnr" of Y in daylight, 8 views of 512 pixels, "encode"
+and "decode", each [processor seconds of the process and its children, seconds of wall], and "commit". Rows of the tool "knobs"
+have "explained" instead: what texf-enc --explain-time measures. A tool that is not here, or that codes no such asset, is named
+on stderr.
 
-Images are those of methods/uv.py at the bits of ASSETS, each at the better subsampling, which is settled before the clock runs. Of
-programs (PROGRAMS) the seconds are those of a whole process on the source's file, of all others loading counts nothing.
+Images are those of methods/uv.py at the bits of ASSETS, each at the better subsampling, which is settled before the clock runs.
+The seconds of programs (PROGRAMS) are those of a whole process on the source's file; those of all others begin after loading.
 """
 
 import argparse
@@ -42,7 +42,7 @@ from tools.bench.methods import draco_mesh, find, image_codecs, parametrise, uv 
 from tools.bench.methods.programs import ProgramError  # noqa: E402
 from tools.bench.provenance import commit_of  # noqa: E402
 
-VIEWS, SIZE, EXACT, TRIED = 8, 512, 99.0, 60  # EXACT: dB of equal pictures; TRIED: AVIF's quality that settles subsamplings
+VIEWS, SIZE, EXACT, TRIED = 8, 512, 99.0, 60  # EXACT: dB of equal pictures; TRIED: quality that settles subsamplings
 # The eight of README: options of methods/uv.py, the bits on the hull of tools/bench/materials at r03's PSNR.
 ASSETS = {
     "waterbottle_pbr": {"uv_bits": 12}, "damaged_helmet": {"uv_bits": 14}, "cat_webp": {"uv_bits": 14},
@@ -65,20 +65,22 @@ class Rung(NamedTuple):
 
 RUNGS = (  # the usual effort of each first
     Rung("avif6", 6, (15, 40, 65, 82, 93, 99), most=9), Rung("avif6", 6, (40, 82, 93, 99)), Rung("webp4", 4, (50, 80, 95)),
-    Rung("jxl", 7, (4.0, 2.0, 0.5)), Rung("etc1s", 0, (100,)), Rung("uastc", 0, (2.0,), most=13),
-    *(Rung("gltf-transform", images, ("",)) for images in ("avif", "webp")), Rung("gltfpack", "-cc", ("",)),
+    Rung("jxl", 7, (4.0, 2.0, 0.5)), Rung("etc1s", 0, (100,)), Rung("uastc", 0, (80, 100), most=9),
+    Rung("uastc", 0, (80,), most=13), *(Rung("gltf-transform", images, ("",)) for images in ("avif", "webp")),
+    Rung("gltfpack", "-cc", ("",)),
     Rung("ours", "balanced", ("r02", "r03", "r04")), Rung("texf-enc", "balanced", ("r03",)),
     *(Rung("avif6", speed, (82,)) for speed in (10, 8, 7)), *(Rung("webp4", method, (95,)) for method in (0, 2, 6)),
-    *(Rung("jxl", effort, (0.5,)) for effort in (1, 4)), *(Rung("hevc", preset, (30, 22)) for preset in ("slow", "medium", "ultrafast")),
+    *(Rung("jxl", effort, (0.5,)) for effort in (1, 4)),
+    *(Rung("hevc", preset, (30, 22)) for preset in ("slow", "medium", "ultrafast")),
     *(Rung("tmc13", transform, (34, 28)) for transform in ("raht", "predlift")),
     *(Rung("ours", effort, ("r02", "r03", "r04")) for effort in ("fast", "best")),
     *(Rung("texf-enc", effort, ("r03",)) for effort in ("fast", "best")),
-    Rung("avif6", 9, (82,), most=13), Rung("avif6", 4, (82,), most=13), Rung("avif6", 5, (82,), most=13),
-    *(Rung("webp4", method, (95,), most=13) for method in (1, 3, 5)), *(Rung("jxl", effort, (0.5,), most=13) for effort in (3, 5, 8)),
+    Rung("avif6", 4, (82,), most=13), *(Rung("jxl", effort, (0.5,), most=13) for effort in (3, 5, 8)),
     Rung("ours", "balanced", ("r03",), 2), Rung("avif6", 6, (82,), 2), Rung("jxl", 7, (0.5,), 2),
-    *(Rung("avif6", speed, (82,), most=5) for speed in (3, 2)), Rung("jxl", 9, (0.5,), most=5),
-    Rung("etc1s", 3, (100,), most=5), Rung("etc1s", 6, (100,), most=5), Rung("uastc", 0, (0,), most=5),
-    Rung("uastc", 3, (2.0,), most=5), Rung("knobs", "balanced", ("r03",)), *(Rung("avif6", speed, (82,), most=1) for speed in (1, 0)),
+    *(Rung("avif6", speed, (82,), most=most) for speed, most in ((9, 5), (5, 5), (3, 5), (2, 5), (1, 1), (0, 1))),
+    *(Rung("webp4", method, (95,), most=5) for method in (1, 3, 5)), Rung("jxl", 9, (0.5,), most=5),
+    *(Rung("etc1s", effort, (100,), most=5) for effort in (3, 6)), Rung("uastc", 3, (80,), most=5),
+    Rung("knobs", "balanced", ("r03",)),
 )
 PROGRAMS = {"texf-enc", "gltf-transform", "gltfpack"}
 KEY = "asset", "tool", "effort", "point", "threads"
@@ -126,7 +128,8 @@ class Asset:
     @cached_property
     def texels(self):
         """Millions of texels of the images."""
-        return sum(image.shape[0] * image.shape[1] for image in {id(t.image): t.image for t in self.scene.textures}.values()) / 1e6
+        images = {id(texture.image): texture.image for texture in self.scene.textures}.values()
+        return sum(image.shape[0] * image.shape[1] for image in images) / 1e6
 
 
 class Textured:
@@ -140,7 +143,8 @@ class Textured:
             (folder / uv.MESH.format(number)).write_bytes(data)
         cube = fit_cube(scene.positions, parametrise.POSITION_BITS)
         self.layout = facts | uv.handed_through(rival, options, cube)
-        self.images = [(image, uv.better_chroma(image, components, options)) for image, components in uv.images_of(rival, options)]
+        self.images = [(image, uv.better_chroma(image, components, options))
+                       for image, components in uv.images_of(rival, options)]
         parts, part_bits = uv.corner_parts(rival, bits, options)
         _, self.seconds = timed(draco_mesh.enc_mesh, rival.lattice, rival.scene.faces, parts, part_bits)
         self.mesh = uv.dec_meshes(folder, self.layout)
@@ -150,9 +154,7 @@ class Textured:
 
 def by_images(asset, tool, effort, point, threads):
     """Code Draco's mesh and images; return (bytes, decoded Scene, seconds of encoding, of decoding)."""
-    if tool == "hevc" and asset.name != SCAN:
-        raise LookupError("a new parametrisation is for the scan")
-    if sentence := image_codecs.missing(tool):
+    if sentence := "new UVs are for the scan" if tool == "hevc" and asset.name != SCAN else image_codecs.missing(tool):
         raise LookupError(sentence)
     textured = asset.unwrapped if tool == "hevc" else asset.textured
     coded, encode = timed(lambda: [image_codecs.enc_image(image, tool, point, chroma, threads, effort)
@@ -175,9 +177,7 @@ def by_us(asset, _, effort, point, threads):
 def by_tmc13(asset, _, effort, point, threads):
     """As by_images(), by TMC13 on our voxels."""
     method, options, report = find("external"), {"qp": point, "transform": effort}, Report()
-    if asset.name != SCAN:
-        raise LookupError("TMC13 codes base colours over voxels, which is for the scan")
-    if sentence := method.missing(options):
+    if sentence := "voxels of base colours are for the scan" if asset.name != SCAN else method.missing(options):
         raise LookupError(sentence)
     facts, encode = timed(method.encode, asset.scene, options, asset.folder, threads, report)
     decoded, decode = timed(method.decode, asset.folder, options, threads, report)
@@ -237,9 +237,9 @@ def measure(asset, tools, known, file):
         if rung.tool in absent:
             continue
         try:
-            if rung.tool == "ours" and rung.effort not in warm:  # kernels are loaded before the clock runs
+            if rung.tool == "ours" and rung.effort not in warm:
+                by_us(asset, "", rung.effort, point, rung.threads)  # loads kernels before the clock runs
                 warm.add(rung.effort)
-                by_us(asset, "", rung.effort, point, rung.threads)
             file.write(json.dumps(row_of(asset, rung, point)) + "\n")
             file.flush()
         except (LookupError, ProgramError, subprocess.SubprocessError) as error:
@@ -255,7 +255,7 @@ def main():
     parser.add_argument("--tool", action="append", choices={rung.tool for rung in RUNGS})
     parser.add_argument("--again", action="store_true")
     arguments = parser.parse_args()
-    names, tools = arguments.asset or list(ASSETS), arguments.tool or {rung.tool for rung in RUNGS}
+    names, tools = arguments.asset or ASSETS, arguments.tool or {rung.tool for rung in RUNGS}
     rows = [json.loads(line) for line in arguments.rows.read_text().splitlines()] if arguments.rows.exists() else []
     if arguments.again:
         rows = [row for row in rows if row["asset"] not in names or row["tool"] not in tools]

@@ -14,8 +14,8 @@ CODECS names them with what `quality` means, the range it may have and the step 
     avif6, webp4  quality; as Pillow users have them, speed 6 and method 4; an image of equal columns is coded as grey.
     jpeg  quality; Pillow, progressive with optimised Huffman tables.
     jxl   Butteraugli distance, smaller is better; libjxl through imagecodecs, effort 7, a bare codestream; chroma always 4:4:4.
-    etc1s, uastc  quality, and lambda of the rate-distortion optimisation; KTX2 by Basis Universal's encoder through alktx2, effort
-          3, the largest level alone, UASTC under Zstandard; chroma 4:2:0 marks colours, whose errors are weighed by luma.
+    etc1s, uastc  quality; KTX2 by Basis Universal's encoder through alktx2, effort 3, the largest level alone, UASTC under
+          Zstandard; chroma 4:2:0 marks colours, whose errors are weighed by luma.
 
 HEVC gets BT.709 with full range; Pillow's AVIF writes BT.601 with full range. Matrices are applied in float32; chroma is halved
 and doubled by Pillow's Lanczos filter with samples in the middle of their four (47.41 dB on a crop of bball_0001 that is not
@@ -60,7 +60,7 @@ CODECS = {
     "jpeg": Codec("quality", 1, 95, "jpeg"),
     "jxl": Codec("distance", 0, 25, "jxl"),
     "etc1s": Codec("quality", 1, 100, "basisu", True),
-    "uastc": Codec("lambda", 0, 10, "basisu", True),
+    "uastc": Codec("quality", 1, 100, "basisu", True),
 }
 CHROMAS = ("420", "444")
 # What codes slower or faster, where enc_image() is not given another.
@@ -117,7 +117,7 @@ def check(codec, quality, chroma="420"):
     if codec not in CODECS:
         raise ValueError(f"codec must be one of {', '.join(CODECS)}, not {codec!r}")
     meaning, low, high = CODECS[codec][:3]
-    whole = codec in ("jxl", "uastc") or isinstance(quality, int)
+    whole = codec == "jxl" or isinstance(quality, int)
     if isinstance(quality, bool | str) or not whole or not low <= quality <= high:
         raise ValueError(f"quality of {codec} must be a {meaning} from {low} to {high}, not {quality!r}")
     if chroma not in CHROMAS:
@@ -317,23 +317,15 @@ def _dec_jxl(data):
     return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
 
 
-def _enc_etc1s(image, quality, chroma, threads, effort):
-    return _basisu(image, chroma, codec="etc1s", quality=quality, effort=effort, threads=threads)
-
-
-def _enc_uastc(image, quality, chroma, threads, effort):
-    return _basisu(image, chroma, codec="uastc", uastc_rdo_lambda=quality, effort=effort, threads=threads,
-                   zstd_supercompression_level=ZSTD_LEVEL)
-
-
-def _basisu(image, chroma, **options):
+def _enc_basisu(image, quality, chroma, threads, effort, codec):
     import alktx2
 
     height, width, columns = image.shape
     rgba = np.full((height, width, 4), 255, np.uint8)
     rgba[..., :columns] = image
-    return alktx2.encode_raw_rgba_to_ktx2(rgba.tobytes(), width, height, columns == 4, srgb=chroma == "420",
-                                          linear=chroma != "420", **options)
+    return alktx2.encode_raw_rgba_to_ktx2(rgba.tobytes(), width, height, columns == 4, codec=codec, quality=quality,
+                                          effort=effort, threads=threads, srgb=chroma == "420", linear=chroma != "420",
+                                          zstd_supercompression_level=ZSTD_LEVEL)
 
 
 def _dec_basisu(data):
@@ -343,6 +335,6 @@ def _dec_basisu(data):
 
 
 _ENC = {"hevc": _enc_hevc, "av1": _enc_av1, "avif": _enc_avif, "avif6": _enc_avif6, "webp": _enc_webp, "webp4": _enc_webp4,
-        "jpeg": _enc_jpeg, "jxl": _enc_jxl, "etc1s": _enc_etc1s, "uastc": _enc_uastc}
-_DEC = dict.fromkeys(("avif", "avif6", "webp", "webp4", "jpeg"), _dec_pillow) | {"hevc": _dec_hevc, "av1": _dec_av1,
-                                                                             "jxl": _dec_jxl, "etc1s": _dec_basisu, "uastc": _dec_basisu}
+        "jpeg": _enc_jpeg, "jxl": _enc_jxl, **{codec: partial(_enc_basisu, codec=codec) for codec in ("etc1s", "uastc")}}
+_DEC = dict.fromkeys(("avif", "avif6", "webp", "webp4", "jpeg"), _dec_pillow) | dict.fromkeys(("etc1s", "uastc"), _dec_basisu) | {
+    "hevc": _dec_hevc, "av1": _dec_av1, "jxl": _dec_jxl}

@@ -14,10 +14,10 @@ WARM_RESOLUTION = 64
 
 @method("texf")
 class TexfMethod(Method):
-    """texfcodec. Options are the fields of EncodeOptions. Bytes are those of the stream; of a 3DNTC payload those that a GPU keeps. "geometry" is what positions alone take as one mesh at the
-    requested bits, as for UV rivals; the rest of the stream's geometry, for UVs, finer positions and further units, is
-    "placement" and counts as texture. A GPU keeps its mesh in no stream: beside a 3DNTC payload all of the stream's geometry is
-    "geometry"."""
+    """texfcodec. Options are the fields of EncodeOptions. Bytes are those of the stream; of a 3DNTC payload those that a GPU
+    keeps. "geometry" is what positions alone take as one mesh at the requested bits, as for UV rivals; the rest of the stream's
+    geometry, for UVs, finer positions and further units, is "placement" and counts as texture. A GPU keeps its mesh in no
+    stream: beside a 3DNTC payload all of the stream's geometry is "geometry"."""
 
     options = tuple(f.name for f in fields(EncodeOptions) if f.name not in NOT_SETTINGS)
 

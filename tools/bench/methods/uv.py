@@ -263,12 +263,13 @@ def _coded(image, components, options, threads):
 
 def better_chroma(image, components, options, threads=1):
     """Return the one of image_codecs.CHROMAS that saves more than it loses on an image at codec and quality of options."""
-    ways = [image_codecs.enc_image(image, options["codec"], options["quality"], chroma, threads) for chroma in image_codecs.CHROMAS]
-    seen = [image_codecs.dec_image(data, options["codec"], *image.shape[1::-1])[..., components].astype(np.float32) for data in ways]
+    codec, quality, chromas = options["codec"], options["quality"], image_codecs.CHROMAS
+    ways = [image_codecs.enc_image(image, codec, quality, chroma, threads) for chroma in chromas]
+    seen = [image_codecs.dec_image(data, codec, *image.shape[1::-1])[..., components].astype(np.float32) for data in ways]
     truth = image[..., [min(c, image.shape[2] - 1) for c in components]]
     costs = [len(data) * max(float(((decoded - truth) ** 2).mean()), 1e-3) ** WORTH
              for data, decoded in zip(ways, seen, strict=True)]
-    return image_codecs.CHROMAS[int(np.argmin(costs))]
+    return chromas[int(np.argmin(costs))]
 
 
 def handed_through(rival, options, cube):

@@ -108,8 +108,8 @@ class Asset:
 
     @cached_property
     def views(self):
-        """The source's pictures in daylight."""
-        return KeptViews(self.scene, VIEWS, SIZE, ViewSettings(environment=DAYLIGHT))
+        """The source's pictures in daylight; those of the scan, which has no normals to light it by, as it is."""
+        return KeptViews(self.scene, VIEWS, SIZE, ViewSettings(environment=None if self.name == SCAN else DAYLIGHT))
 
     @cached_property
     def textured(self):

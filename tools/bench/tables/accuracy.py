@@ -17,20 +17,19 @@ REACH, AIMS = 0.5, (40, 82)  # dB beyond a curve's ends; qualities of the base w
 USUAL = {"ours": "balanced", "avif6": 6, "webp4": 4, "jxl": 7, "etc1s": 0, "uastc": 0, "hevc": "slow", "tmc13": "raht"}
 BASE, OURS = ("avif6", 6, 1), ("ours", "balanced", 1)
 NOTE = (
-    "Bytes are those of whole files, in percent of Draco with AVIF at speed 6, at the PSNR of Y in daylight (8 views "
-    "of 512 pixels) that this has at qualities 40 and 82. A tool's usual effort is measured at several and interpolated "
-    "there; another effort is measured at one and keeps its ratio to the usual one. Tools that do not come near that PSNR are "
-    "compared at their own. Seconds are of the processor, with one thread, of coding from arrays and of decoding to arrays; "
-    "those of whole programs are of the process, and of our loader. Means over assets are geometric; a rung that is measured "
-    "on fewer assets (hollow marks: slow ones, where a large asset would take minutes) has the mean of its ratios to the "
-    "tool's usual effort there. The grey line is the front: no rung is both faster and smaller.")
+    "Bytes are those of whole files, in percent of Draco with AVIF at speed 6, at the PSNR of Y in daylight (the scan: unlit; "
+    "8 views of 512 pixels) that this has at qualities 40 and 82. A tool's usual effort is measured at several and "
+    "interpolated there; another effort is measured at one and keeps its ratio to the usual one. Tools that do not come near "
+    "that PSNR are compared at their own. Seconds are of the processor, with one thread, of coding from arrays and of "
+    "decoding to arrays; those of whole programs are of the process, and of our loader. Means over assets are geometric; a "
+    "rung that is measured on fewer assets (hollow marks: slow ones, where a large asset would take minutes) has the mean of "
+    "its ratios to the tool's usual effort there. The grey line is the front: no rung is both faster and smaller.")
 KNOBS = (
     "Each asset at r03 and balanced beside one change, as texf-enc --explain-time shows it for an asset of your own: its "
     "processor seconds in units of ours, its bytes at equal PSNR in daylight, and how often which verdict. What is not "
     "changed although a column speaks for it: position bits, because pictures see a moved outline that PSNR over pixels of "
     "both does not; partition, K and refinement are choices of the encoder, which pays for finding out, and one asset's best "
-    "is another's loss; and the density of samples before a surface fit, 3: on the player 2 has come to be the same, 0.0 % of "
-    "the bytes for 3 % of the seconds, and it costs up to 23 % of the bytes elsewhere (house_mask).")
+    "is another's loss. Samples an edge before a surface fit, 3 before, are 2 now.")
 ABSENT = (
     "Not here: UVAtlas, which takes 100 to 1,700 s; toktx (KTX2 is coded by Basis Universal's encoder, as a library); images "
     "by gltfpack, whose build for npm codes none. HEVC over new UVs (xatlas) and TMC13 over our voxels code base colours "

@@ -87,7 +87,8 @@ def neighbours_of(options: EncodeOptions, encoded: Encoded) -> Iterator[Neighbou
                     yield Neighbour(change, scale**2)
             if options.partition == "auto":
                 yield Neighbour({"partition": "off"}, 0.9)
-        yield from (Neighbour({"position_bits": options.position_bits + step}) for step in (-BITS_STEP, BITS_STEP))
+        bits = options.position_bits or codec.position_bits
+        yield from (Neighbour({"position_bits": bits + step}) for step in (-BITS_STEP, BITS_STEP))
     if options.max_error is not None:
         bounds = {options.max_error // 2, min(2 * options.max_error + 1, 127)} - {options.max_error, 0}
         yield from (Neighbour({"max_error": bound, "lossless": False}) for bound in sorted(bounds))

@@ -49,7 +49,7 @@ def test_committed_conditions_are_sound():
         assert "sample" in conditions["assets"] and conditions["settings"]
         for setting in conditions["settings"]:
             if setting["method"] == "texf":
-                EncodeOptions(**{name: value for name, value in setting["options"].items() if name != "density"})
+                EncodeOptions(**setting["options"])
     paper = read_conditions(REPOSITORY / "tools/conditions/paper.toml")["settings"]
     assert all(s["options"]["effects"] == "none" for s in paper if s["method"].startswith("texf"))
     assert all(s["options"].get("exact_rate") for s in paper if s["method"] == "texf" and s["group"].startswith("TexF voxels"))

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from texfcodec.encoder.explain import BETTER, BUYS, DOMINATED, SAVES
+from texfcodec.encoder.explain import SAVES
 from tools.bench import collect
 from tools.bench.tables import accuracy, everyday, lit, neural, paper
 from tools.bench.tables.paper import ANCHOR, AUTO, VERTEX_ANCHOR, asset_lines, by_asset_lines, paper_lines
@@ -243,50 +243,38 @@ def test_the_committed_records_say_what_the_page_says():
 # What accuracy costs.
 
 
-def knob_row(group, setting, seconds, size, y):
-    """A row of a knob on the asset a."""
-    return {"asset": "a", "group": group, "setting": setting, "seconds": {"encode": {"total": 9 * seconds, "processor": seconds},
-            "measure": 1.0}, "bytes": {"total": size, "geometry": size // 2}, "psnr_3d": {"y": y, "samples": 1},
-            "image": {"psnr": {"y": y}, "views": 8, "size": 64}}
+def ladder_row(tool, effort, psnr, seconds, factor, asset="a"):
+    """A row of a rung that takes factor times the bytes of AVIF at speed 6, which double every 3 dB."""
+    return {"asset": asset, "tool": tool, "effort": effort, "point": {34.5: 40, 36.0: 82}.get(psnr), "threads": 1,
+            "psnr": psnr, "bytes": round(factor * 1e5 * 2 ** (psnr / 3)), "encode": [seconds, 2 * seconds],
+            "decode": [seconds / 10, seconds]}
 
 
-def curve_row(group, name, seconds, factor, qp=28):
-    """A row that takes factor times the bytes of the defaults, which double every 6 QP for 2 dB."""
-    return knob_row(group, name, seconds, round(1e6 * factor * 2 ** (-qp / 6)), 50 - qp / 3)
+LADDERS = [*(ladder_row("avif6", 6, psnr, 1.0, 1.0, asset) for psnr in (33.0, 34.5, 36.0, 39.0) for asset in "ab"),
+           *(ladder_row("ours", "balanced", psnr, 8.0, 0.5, asset) for psnr in (34.0, 37.0) for asset in "ab"),
+           *(ladder_row("ours", effort, psnr, *held) for psnr in (34.0, 37.0)
+             for effort, held in (("fast", (2.0, 0.75)), ("best", (16.0, 0.5)))),
+           ladder_row("avif6", 0, 38.0, 64.0, 0.8), ladder_row("etc1s", 0, 33.0, 2.0, 4.0),
+           ladder_row("gltfpack", "-cc", 60.0, 0.1, 1.0), ladder_row("texf-enc", "balanced", 36.0, 9.0, 0.5)]
 
 
-ROWS = [*(curve_row("QP", f"QP_{qp}", 1.0, 1.0, qp) for qp in (44, 36, 28, 20)),
-        *(curve_row("effort", f"effort_{name}", *told) for name, told in
-          {"balanced": (1.0, 1.0), "best": (2.0, 0.9), "fast": (0.5, 1.2)}.items()),
-        *(curve_row("refinement", f"refine_{name}", *told) for name, told in
-          {"auto": (1.0, 1.0), "off": (1.0, 1.0), "render": (9.0, 1.0)}.items()),
-        *(curve_row("partition", f"partition_{name}", *told) for name, told in {"auto": (1.0, 1.0), "off": (0.8, 0.95)}.items()),
-        curve_row("preset", "preset_r04", 1.0, 1.0), curve_row("preset with effort", "effort_r04_fast", 0.5, 0.9),
-        knob_row("metric", "stream", 1.0, 9, 30.0) | {"image": None},
-        *(knob_row("metric", "stream", 1.0, 9, 30.0) | {"image": {"psnr": {"y": 30.0 + error}, "views": views, "size": 64}}
-          for views, error in ((4, 0.3), (4, -0.4), (8, 0.0)))]
-
-
-def test_claims_follow_the_figures(tmp_path):
-    by_group = accuracy.grouped(ROWS)
-    table = {name: {"a": accuracy.cells_of(name, by_group, "a")} for name in accuracy.KNOBS if name in by_group}
-    effort = {cell.value: cell for cell in table["effort"]["a"]}
-    assert list(effort) == ["fast", "balanced", "best"] and [round(c.percent) for c in effort.values()] == [20, 0, -10]
-    assert {cell.value: cell.by for cell in table["refinement"]["a"]} == {"off": (), "auto": (), "render": ("off", "auto")}
-    words = {(name, value): trades["a"][2] for name, value, trades in accuracy.steps_of(table)}
-    assert words["effort", "fast"] == SAVES and words["effort", "best"] == BUYS and words["refinement", "render"] == DOMINATED
-    assert words["partition", "off"] == BETTER
-    changes = "\n".join(accuracy.changes_of(table))
-    assert "**partition**: auto is dominated on 1 of 1 (a: off)" in changes and "preset r04" in changes
-    assert "effort**" not in changes
-    lines = accuracy.page(SimpleNamespace(results=[kept(tmp_path / "rows.jsonl", ROWS)], out=tmp_path / "page.md"))
-    assert cells(lines, "effort")[1:5] == ["balanced to fast", "-0.50 s, +20.0 %", "-0.50 s, +20.0 %", "40.0 %"]
-    assert cells(lines, "4 x 64")[1] == "1.00 s, 0.354 dB" and cells(lines, "balanced (default)")[1].startswith("1.00 s, ")
+def test_rungs_are_compared_at_equal_quality_and_their_front_is_drawn(tmp_path):
+    cells_by_rung = accuracy.cells_of(LADDERS)
+    percents = {rung[:2]: round(held["a"].percent) for rung, held in cells_by_rung.items() if math.isfinite(held["a"].percent)}
+    assert percents == {("avif6", 6): 100, ("ours", "balanced"): 50, ("ours", "fast"): 75, ("ours", "best"): 50, ("avif6", 0): 80,
+                        ("etc1s", 0): 400, ("texf-enc", "balanced"): 50}  # gltfpack is closer than AVIF gets
+    means = accuracy.means_of(cells_by_rung)
+    assert means["ours", "fast", 1].encode == pytest.approx(2.0) and means["ours", "fast", 1].assets == 1
+    assert accuracy.front(accuracy.plotted(means), "encode") == [("avif6", 6, 1), ("ours", "fast", 1), ("ours", "balanced", 1)]
+    path = kept(tmp_path / "rows.jsonl", LADDERS)
+    lines = accuracy.page(SimpleNamespace(results=[path], out=tmp_path / "page.md"))
+    assert "50 % of the bytes" in lines[2] and "Draco, AVIF 0" in lines[2] and "8.0 times its seconds" in lines[2]
+    assert cells(lines, "a")[1:3] == ["1.0 s, 0.10 s", "50 %, 8.0 s, 0.80 s"]
     assert (tmp_path / "pictures/accuracy_time.png").exists() == any("![" in one for one in lines)
 
 
-def test_dominated_is_what_is_no_better_beyond_the_noise_of_time():
-    points = [(1.0, 10.0), (1.04, 10.0), (2.0, 10.0), (2.0, 9.0), (0.5, 20.0)]
-    assert accuracy.dominated([(s, ((c, accuracy.GAIN),)) for s, c in points]) == [[], [], [0, 1, 3], [], []]
-    assert accuracy.percent_at([(100, 30.0), (200, 32.0)], 150, 40.0) is None
-    assert accuracy.percent_at([(100, 30.0), (200, 32.0)], 200, 30.0) == pytest.approx(100) and math.isfinite(accuracy.NOISE)
+def test_a_step_has_the_mean_of_its_ratios_over_assets():
+    rows = [{"asset": asset, "explained": {"base": {"processor_seconds": 4.0}, "neighbours": [
+        {"change": "--effort fast", "processor_seconds": seconds, "percent": 10.0, "verdict": SAVES, "by": []},
+        {"change": "--rate r06", "reason": "too large"}]}} for asset, seconds in (("a", 1.0), ("b", 4.0))]
+    assert cells(accuracy.knob_lines(rows), "--effort fast")[1:] == ["0.25, +10.0 %", "1.00, +10.0 %", "0.50, +10.0 %", "2 saves"]

@@ -50,8 +50,9 @@ def test_a_change_leaves_free_what_was_free():
 
 
 @pytest.mark.parametrize("options, expected, absent", [
-    ({}, {"--effort best", "--effort fast", "--resolution 48 --qp 28"}, "near-lossless"),
-    ({"effort": "best"}, {"--effort balanced"}, "--effort best"), ({"effort": "fast"}, {"--effort balanced"}, "--effort fast"),
+    ({}, {"--effort best", "--effort fast", "--resolution 48 --qp 28", "--qp 24", "--position-bits 12"}, "near-lossless"),
+    ({"effort": "best"}, {"--effort balanced", "--effort fast"}, "--effort best"),
+    ({"effort": "fast", "qp": None, "rate": "r01"}, {"--effort balanced", "--rate r02"}, "--rate r03"),
     ({"qp": None, "lossless": True}, {"--near-lossless 1", "--resolution 21"}, "refine"),
     ({"qp": None, "max_error": 4}, {"--near-lossless 2", "--near-lossless 9"}, "refine"),
     ({"refine": "off"}, {"--refine fit"}, "--refine off"),

@@ -13,8 +13,9 @@ from ..decoder import decode_stream
 from ..errors import TexfError
 from ..limits import UNLIMITED
 from ..metrics.bd_rate import difference_at
-from ..metrics.psnr_3d import SourceSamples
-from ..options import EFFORTS, DecodeOptions, EncodeOptions
+from ..metrics.views import KeptViews, ViewSettings
+from ..options import EFFORTS, RATES, DecodeOptions, EncodeOptions
+from ..render.environment import DAYLIGHT
 from ..report import Report
 from .encode import Encoder
 from .write import write
@@ -23,9 +24,11 @@ if TYPE_CHECKING:
     from ..scene.scene import Scene
     from .write import Encoded
 
-SAMPLES = 250_000  # of 3D-PSNR: differences of 0.01 dB are seen
-ENCODES = 4  # seconds for neighbours where none are given, in encodes of what was asked for
+VIEWS, SIZE = 8, 384  # of the pictures in daylight: a source's three or four and each stream's take less than an encode
+ENCODES = 6  # seconds for neighbours where none are given, in encodes of what was asked for
+SECONDS = {"fast": 0.6, "balanced": 1.0, "best": 1.5}  # of an effort over those of balanced, about
 CURVE = (-4, 4, 12)  # QPs from that of the stream, for the curve that bytes at equal quality are read from
+QP_STEP, BITS_STEP = 4, 2
 K_STEP = 1.5
 NOISE, GAIN = 0.05, 0.1  # share of seconds within which two encodes count as equally fast; percent of bytes that count
 # Verdicts on a change: what it does to seconds and to bytes at equal quality.
@@ -43,8 +46,13 @@ class Neighbour:
     @property
     def name(self) -> str:
         """The change as flags of the command line."""
-        flags = {"max_error": "near-lossless"}
-        return " ".join(f"--{flags.get(name, name)} {value}" for name, value in self.change.items() if value is not False)
+        flags = {name: name.replace("_", "-") for name in self.change} | {"max_error": "near-lossless"}
+        return " ".join(f"--{flags[name]} {value}" for name, value in self.change.items() if value is not False)
+
+    @property
+    def is_rate(self) -> bool:
+        """Whether the change is another point of the rate curve, which no setting at this rate stands against."""
+        return self.change.keys() <= {"rate", "qp"}
 
 
 def changed(options: EncodeOptions, **changes: object) -> EncodeOptions:
@@ -62,13 +70,13 @@ def as_made(options: EncodeOptions, encoded: Encoded) -> EncodeOptions:
 
 
 def neighbours_of(options: EncodeOptions, encoded: Encoded) -> Iterator[Neighbour]:
-    """Yield the Neighbours of the options (settings one step away) that matter for an encoded stream, the most informative
-    first. Not among them are position bits: 3D-PSNR samples both sides at the same places of the surface, and sees no moved
-    surface."""
-    codec, place = codec_of(options.codec), EFFORTS.index(options.effort)
+    """Yield the Neighbours of the options that matter for an encoded stream, the most informative first: the other efforts, the
+    neighbouring rates, and settings one step away."""
+    codec = codec_of(options.codec)
     if not codec.joint:
-        steps = ((place + 1, 1.5), (place - 1, 0.6))
-        yield from (Neighbour({"effort": EFFORTS[at]}, factor) for at, factor in steps if 0 <= at < len(EFFORTS))
+        for effort in sorted(EFFORTS, key=lambda name: abs(EFFORTS.index(name) - EFFORTS.index(options.effort)))[1:]:
+            yield Neighbour({"effort": effort}, SECONDS[effort] / SECONDS[options.effort])
+        yield from _rates(options, encoded)
         fitted = encoded.choices.get("refinement", {}).get("kind", "off") != "off"
         if options.max_error is None and (fitted or options.refine == "off"):
             yield Neighbour({"refine": "off"}, 0.7) if fitted else Neighbour({"refine": "fit"}, 1.8)
@@ -77,6 +85,10 @@ def neighbours_of(options: EncodeOptions, encoded: Encoded) -> Iterator[Neighbou
                 change = {"resolution": round(encoded.resolution * scale)} | ({} if encoded.qp is None else {"qp": encoded.qp})
                 if change["resolution"] <= 8192:
                     yield Neighbour(change, scale**2)
+            if options.partition == "auto":
+                yield Neighbour({"partition": "off"}, 0.9)
+        bits = options.position_bits or codec.position_bits
+        yield from (Neighbour({"position_bits": bits + step}) for step in (-BITS_STEP, BITS_STEP))
     if options.max_error is not None:
         bounds = {options.max_error // 2, min(2 * options.max_error + 1, 127)} - {options.max_error, 0}
         yield from (Neighbour({"max_error": bound, "lossless": False}) for bound in sorted(bounds))
@@ -84,12 +96,21 @@ def neighbours_of(options: EncodeOptions, encoded: Encoded) -> Iterator[Neighbou
         yield from (Neighbour({"steps": n}, n / options.steps) for n in (options.steps // 2, 2 * options.steps) if n)
 
 
+def _rates(options, encoded):
+    """The next rates, or QPs of a request that names one."""
+    at, rates = list(RATES).index(options.rate), list(RATES)
+    if options.max_error is None and options.given["qp"] is None:
+        yield from (Neighbour({"rate": rate}) for rate in rates[max(at - 1, 0) : at + 2] if rate != options.rate)
+    elif encoded.qp is not None:
+        yield from (Neighbour({"qp": qp}) for qp in (encoded.qp + QP_STEP, encoded.qp - QP_STEP) if 0 <= qp <= 63)
+
+
 class _Bench:
     """Encodes and measures one scene."""
 
     def __init__(self, scene, options):
         self.scene, self.threads = scene, options.threads
-        self.samples = SourceSamples(scene, SAMPLES, options.threads)
+        self.views = KeptViews(scene, VIEWS, SIZE, ViewSettings(environment=DAYLIGHT))
 
     def run(self, options):
         """Encode the scene with some options, decode the stream and measure it. Return (row {"seconds", "processor_seconds",
@@ -106,7 +127,7 @@ class _Bench:
         encoded = write(planned, Report())
         row = {"seconds": round(time.perf_counter() - begin, 4), "processor_seconds": round(time.process_time() - worked, 4)}
         texf = decode_stream(encoded.data, DecodeOptions(threads=self.threads, limits=UNLIMITED), Report())
-        return row | {"bytes": len(encoded.data), "psnr_y": self.samples.compare(texf)["y"]}
+        return row | {"bytes": len(encoded.data), "psnr_y": self.views.compare(texf, self.threads)["psnr"]["y"]}
 
 
 def explain_time(scene: Scene, options: EncodeOptions, encoded: Encoded, stages: dict[str, float],
@@ -115,12 +136,12 @@ def explain_time(scene: Scene, options: EncodeOptions, encoded: Encoded, stages:
 
     scene: Scene; options: as it was encoded; encoded: the result of that encode; stages: seconds by stage (Report.seconds);
     budget: seconds for neighbours, one of which is always tried; None: ENCODES times the encode. The base, options once more
-    with warm kernels, and its rate curve come before them. Returns {"stages", "budget", "spent", "samples", "base",
+    with warm kernels, and its rate curve come before them. Returns {"stages", "budget", "spent", "views", "base",
     "neighbours", "not_tried"}: base and neighbours are rows {"change", "seconds", "processor_seconds", "bytes", "psnr_y",
-    "percent", "per_second", "verdict"}. percent is bytes above those of the base at equal 3D-PSNR of Y; per_second is the
-    percent that one second more saves, or one second less costs. A neighbour that cannot be coded has "reason" instead. Each
-    setting runs once, so both figures go by processor seconds, which a busy machine changes little; settings that differ by
-    NOISE or less count as equal.
+    "percent", "per_second", "verdict", "by"}. percent is bytes above those of the base at equal PSNR of Y of views in daylight;
+    per_second is the percent that one second more saves, or one second less costs; by are the changes that dominate it, "" for
+    the base. A neighbour that cannot be coded has "reason" instead. Each setting runs once, so both figures go by processor
+    seconds, which a busy machine changes little; settings that differ by NOISE or less count as equal.
     """
     begin, requested = time.perf_counter(), as_made(options, encoded)
     bench = _Bench(scene, options)
@@ -131,15 +152,19 @@ def explain_time(scene: Scene, options: EncodeOptions, encoded: Encoded, stages:
     del planned
     first = time.perf_counter()
     rows: list[dict] = []
-    not_tried = []
+    points, not_tried = {"": base | {"percent": 0.0}}, []
     for neighbour in neighbours_of(requested, encoded):
         if rows and base["seconds"] * neighbour.factor > budget - (time.perf_counter() - first):
             not_tried.append(neighbour.name)
         else:
             rows.append({"change": neighbour.name} | _tried(bench, requested, neighbour, base, curve))
-    spent = round(time.perf_counter() - begin, 3)
-    return {"stages": stages, "budget": round(budget, 3), "spent": spent, "samples": SAMPLES, "base": base, "neighbours": rows,
-            "not_tried": not_tried}
+            if rows[-1].get("percent") is not None and not neighbour.is_rate:
+                points[neighbour.name] = rows[-1]
+    for name, row in points.items():
+        row["by"] = [other for other, its in points.items() if other != name and BETTER == verdict(
+            row["processor_seconds"], its["processor_seconds"], its["percent"] - row["percent"])]
+    return {"stages": stages, "budget": round(budget, 3), "spent": round(time.perf_counter() - begin, 3), "views": VIEWS,
+            "base": points[""], "neighbours": rows, "not_tried": not_tried}
 
 
 def _tried(bench, requested, neighbour, base, curve):
@@ -157,11 +182,10 @@ def _tried(bench, requested, neighbour, base, curve):
 
 def percent_of(curve: list[dict], row: dict) -> float | None:
     """Return the percent by which the bytes of an encode exceed those of a rate curve at the same PSNR. row: {"bytes", "psnr_y"}
-    of the encode; curve: such rows of the base at several QPs. If the row and the curve's first point are both lossless (psnr_y
-    None), bytes alone count. None if the curve does not reach that PSNR."""
-    if row["psnr_y"] is None:
-        lossless = curve[0]["psnr_y"] is None
-        return 100.0 * (row["bytes"] / curve[0]["bytes"] - 1) if lossless else None
+    of the encode; curve: such rows of the base at several QPs. If the row has the PSNR of the curve's first point (None: exact),
+    bytes alone count. None if the curve does not reach that PSNR."""
+    if row["psnr_y"] in (curve[0]["psnr_y"], None):
+        return 100.0 * (row["bytes"] / curve[0]["bytes"] - 1) if row["psnr_y"] == curve[0]["psnr_y"] else None
     points = [p for p in curve if p["psnr_y"] is not None]
     try:
         return difference_at([p["bytes"] for p in points], [p["psnr_y"] for p in points], row["bytes"], row["psnr_y"])

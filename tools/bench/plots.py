@@ -17,10 +17,10 @@ def load_pyplot():
 
 
 def logarithmic(panel):
-    """Make the x axis of a matplotlib panel logarithmic, labelled with plain numbers, some within a decade as well."""
+    """Make the x axis of a matplotlib panel logarithmic, labelled with plain numbers."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     panel.set_xscale("log")
-    panel.xaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 4, 5, 6, 8)))
+    panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     panel.xaxis.set_major_formatter("{x:g}")
     panel.xaxis.set_minor_formatter(NullFormatter())

@@ -14,6 +14,8 @@ CODECS names them with what `quality` means, the range it may have and the step 
     avif6, webp4  quality; as Pillow users have them, speed 6 and method 4; an image of equal columns is coded as grey.
     jpeg  quality; Pillow, progressive with optimised Huffman tables.
     jxl   Butteraugli distance, smaller is better; libjxl through imagecodecs, effort 7, a bare codestream; chroma always 4:4:4.
+    etc1s, uastc  quality; KTX2 by Basis Universal's encoder through alktx2, effort 3, the largest level alone, UASTC under
+          Zstandard; chroma 4:2:0 marks colours, whose errors are weighed by luma.
 
 HEVC gets BT.709 with full range; Pillow's AVIF writes BT.601 with full range. Matrices are applied in float32; chroma is halved
 and doubled by Pillow's Lanczos filter with samples in the middle of their four (47.41 dB on a crop of bball_0001 that is not
@@ -26,6 +28,8 @@ as 32-bit little-endian number, colour, alpha. All of these count.
 
 import io
 from fractions import Fraction
+from functools import partial
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -55,10 +59,13 @@ CODECS = {
     "webp4": Codec("quality", 0, 100, "webp", True),
     "jpeg": Codec("quality", 1, 95, "jpeg"),
     "jxl": Codec("distance", 0, 25, "jxl"),
+    "etc1s": Codec("quality", 1, 100, "basisu", True),
+    "uastc": Codec("quality", 1, 100, "basisu", True),
 }
 CHROMAS = ("420", "444")
-PRESET, AV1_SPEED, WEBP_METHOD, JXL_EFFORT = "slow", 3, 6, 7
-USUAL_SPEED, USUAL_METHOD = 6, 4
+# What codes slower or faster, where enc_image() is not given another.
+EFFORTS = {"hevc": "slow", "av1": 3, "avif": 3, "webp": 6, "avif6": 6, "webp4": 4, "jxl": 7, "etc1s": 3, "uastc": 3}
+ZSTD_LEVEL = 18
 AV1_TUNING = {"tune": "psnr", "enable-cdef": "1", "enable-restoration": "1"}
 LEAST_SIDE = 16  # texels
 RGBA_MARK = b"RGBA"
@@ -81,6 +88,9 @@ def missing(codec):
 
             if not imagecodecs.JPEGXL.available:
                 return f"{codec} needs imagecodecs with libjxl: its own wheels have it"
+        if needs == "basisu":
+            import alktx2  # noqa: F401
+            import opengl_basisu  # noqa: F401
     except ImportError as error:
         return f"{codec} needs {error.name}; {RIVALS}: {error}"
     if needs.startswith("aom") and not (features.check("avif") and _encodes_by_aom()):
@@ -98,7 +108,7 @@ def _encodes_by_aom():
 
 def versions(codec):
     """Return the names and versions of the libraries that the bytes of a codec depend on."""
-    packages = {"x265": ("av",), "aom and dav1d": ("pillow", "av"), "jxl": ("imagecodecs",)}
+    packages = {"x265": ("av",), "aom and dav1d": ("pillow", "av"), "jxl": ("imagecodecs",), "basisu": ("alktx2",)}
     return versions_of(*packages.get(CODECS[codec].needs, ("pillow",)))
 
 
@@ -116,7 +126,7 @@ def check(codec, quality, chroma="420"):
         raise LookupError(sentence)
 
 
-def enc_image(image, codec, quality, chroma="420", threads=1):
+def enc_image(image, codec, quality, chroma="420", threads=1, effort=None):
     """Return the bytes of an image in a codec.
 
     image: uint8 [H, W, 3 or 4], alpha straight; codec: of CODECS, which says what quality is; chroma: "420" or "444", if the
@@ -124,7 +134,7 @@ def enc_image(image, codec, quality, chroma="420", threads=1):
     """
     check(codec, quality, chroma)
     image = np.ascontiguousarray(image, np.uint8)
-    enc = _ENC[codec]
+    enc = partial(_ENC[codec], effort=EFFORTS.get(codec) if effort is None else effort)
     if image.shape[2] == 3 or CODECS[codec].alpha:
         return enc(image, quality, chroma, threads)
     colour = enc(np.ascontiguousarray(image[..., :3]), quality, chroma, threads)
@@ -189,7 +199,7 @@ def _bytes(values):
 # Video codecs.
 
 
-def _enc_hevc(image, quality, chroma, threads):
+def _enc_hevc(image, quality, chroma, threads, effort):
     """image: uint8 [H, W, 3], or [H, W] for luma alone. One thread: several would change the bytes."""
     import av
 
@@ -199,7 +209,7 @@ def _enc_hevc(image, quality, chroma, threads):
     context.width, context.height, context.pix_fmt = image.shape[1], image.shape[0], form
     context.time_base, context.thread_count = Fraction(1), 1
     x265_params = f"qp={quality}:ipratio=1.0:info=0:keyint=1:psy-rd=0:psy-rdoq=0:pools=none:frame-threads=1:log-level=none"
-    context.options = {"preset": PRESET, "x265-params": x265_params}
+    context.options = {"preset": effort, "x265-params": x265_params}
     return b"".join(bytes(packet) for packet in [*context.encode(_frame(planes, form)), *context.encode(None)])
 
 
@@ -229,16 +239,16 @@ def _planes(data, decoder):
     return [np.frombuffer(p, np.uint8).reshape(-1, p.line_size)[: p.height, : p.width] for p in frames[0].planes]
 
 
-def _enc_avif(image, quality, chroma, threads):
+def _enc_avif(image, quality, chroma, threads, effort):
     """image: uint8 [H, W], [H, W, 3] or [H, W, 4]. quality: CQ level, which libavif derives from its own of 0 to 100."""
     own = next(q for q in range(101) if ((100 - q) * 63 + 50) // 100 == quality)
     sampling = "4:0:0" if image.ndim == 2 else ":".join(chroma)
-    return _saved(image, "AVIF", quality=own, speed=AV1_SPEED, subsampling=sampling, codec="aom", max_threads=threads,
+    return _saved(image, "AVIF", quality=own, speed=effort, subsampling=sampling, codec="aom", max_threads=threads,
                   autotiling=False, advanced=AV1_TUNING)
 
 
-def _enc_av1(image, quality, chroma, threads):
-    return av1_payload(_enc_avif(grown(image), quality, chroma, threads))
+def _enc_av1(image, quality, chroma, threads, effort):
+    return av1_payload(_enc_avif(grown(image), quality, chroma, threads, effort))
 
 
 def _dec_av1(data):
@@ -259,18 +269,18 @@ def av1_payload(avif):
 # Codecs of still images.
 
 
-def _enc_webp(image, quality, chroma, threads):
-    return _saved(image, "WEBP", quality=quality, method=WEBP_METHOD)
+def _enc_webp(image, quality, chroma, threads, effort):
+    return _saved(image, "WEBP", quality=quality, method=effort)
 
 
-def _enc_avif6(image, quality, chroma, threads):
+def _enc_avif6(image, quality, chroma, threads, effort):
     image = _as_grey(image)
     sampling = "4:0:0" if image.ndim == 2 else ":".join(chroma)
-    return _saved(image, "AVIF", quality=quality, speed=USUAL_SPEED, subsampling=sampling, max_threads=threads)
+    return _saved(image, "AVIF", quality=quality, speed=effort, subsampling=sampling, max_threads=threads)
 
 
-def _enc_webp4(image, quality, chroma, threads):
-    return _saved(_as_grey(image), "WEBP", quality=quality, method=USUAL_METHOD)
+def _enc_webp4(image, quality, chroma, threads, effort):
+    return _saved(_as_grey(image), "WEBP", quality=quality, method=effort)
 
 
 def _as_grey(image):
@@ -279,7 +289,7 @@ def _as_grey(image):
     return np.ascontiguousarray(image[..., 0]) if is_grey else image
 
 
-def _enc_jpeg(image, quality, chroma, threads):
+def _enc_jpeg(image, quality, chroma, threads, effort):
     return _saved(image, "JPEG", quality=quality, optimize=True, progressive=True, subsampling=0 if chroma == "444" else 2)
 
 
@@ -294,10 +304,10 @@ def _dec_pillow(data):
     return np.asarray(picture.convert("RGBA" if "A" in picture.mode else "RGB"))
 
 
-def _enc_jxl(image, quality, chroma, threads):
+def _enc_jxl(image, quality, chroma, threads, effort):
     import imagecodecs
 
-    return bytes(imagecodecs.jpegxl_encode(image, distance=quality, effort=JXL_EFFORT, usecontainer=False, numthreads=threads))
+    return bytes(imagecodecs.jpegxl_encode(image, distance=quality, effort=effort, usecontainer=False, numthreads=threads))
 
 
 def _dec_jxl(data):
@@ -307,7 +317,24 @@ def _dec_jxl(data):
     return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
 
 
+def _enc_basisu(image, quality, chroma, threads, effort, codec):
+    import alktx2
+
+    height, width, columns = image.shape
+    rgba = np.full((height, width, 4), 255, np.uint8)
+    rgba[..., :columns] = image
+    return alktx2.encode_raw_rgba_to_ktx2(rgba.tobytes(), width, height, columns == 4, codec=codec, quality=quality,
+                                          effort=effort, threads=threads, srgb=chroma == "420", linear=chroma != "420",
+                                          zstd_supercompression_level=ZSTD_LEVEL)
+
+
+def _dec_basisu(data):
+    from texfcodec.io.ktx2 import read_ktx2
+
+    return read_ktx2(data, "", SimpleNamespace(warn=str, check_pixels=lambda *_: None))
+
+
 _ENC = {"hevc": _enc_hevc, "av1": _enc_av1, "avif": _enc_avif, "avif6": _enc_avif6, "webp": _enc_webp, "webp4": _enc_webp4,
-        "jpeg": _enc_jpeg, "jxl": _enc_jxl}
-_DEC = dict.fromkeys(("avif", "avif6", "webp", "webp4", "jpeg"), _dec_pillow) | {"hevc": _dec_hevc, "av1": _dec_av1,
-                                                                             "jxl": _dec_jxl}
+        "jpeg": _enc_jpeg, "jxl": _enc_jxl, **{codec: partial(_enc_basisu, codec=codec) for codec in ("etc1s", "uastc")}}
+_DEC = dict.fromkeys(("avif", "avif6", "webp", "webp4", "jpeg"), _dec_pillow) | dict.fromkeys(("etc1s", "uastc"), _dec_basisu) | {
+    "hevc": _dec_hevc, "av1": _dec_av1, "jxl": _dec_jxl}

@@ -1,6 +1,5 @@
 """Our own codec as a method of rate_points.py."""
 
-from contextlib import contextmanager
 from dataclasses import fields
 
 from texfcodec.codecs import codec_of
@@ -13,31 +12,14 @@ NOT_SETTINGS = {"threads", "measure", "limits", "checkpoint"}
 WARM_RESOLUTION = 64
 
 
-@contextmanager
-def transfer_density(density):
-    """Context manager: limit the transfer's samples per voxel edge to density. None changes nothing."""
-    from texfcodec.encoder.values import source_field
-
-    usual, fitted = dict(source_field.TRANSFER_DENSITY), source_field.FITTED_DENSITY
-    if density is not None:
-        source_field.TRANSFER_DENSITY.update(dict.fromkeys(usual, density))
-        source_field.FITTED_DENSITY = density
-    try:
-        yield
-    finally:
-        source_field.TRANSFER_DENSITY.update(usual)
-        source_field.FITTED_DENSITY = fitted
-
-
 @method("texf")
 class TexfMethod(Method):
-    """texfcodec. Options are the fields of EncodeOptions, and density, the transfer's most samples per voxel edge. Bytes are
-    those of the stream; of a 3DNTC payload those that a GPU keeps. "geometry" is what positions alone take as one mesh at the
-    requested bits, as for UV rivals; the rest of the stream's geometry, for UVs, finer positions and further units, is
-    "placement" and counts as texture. A GPU keeps its mesh in no stream: beside a 3DNTC payload all of the stream's geometry is
-    "geometry"."""
+    """texfcodec. Options are the fields of EncodeOptions. Bytes are those of the stream; of a 3DNTC payload those that a GPU
+    keeps. "geometry" is what positions alone take as one mesh at the requested bits, as for UV rivals; the rest of the stream's
+    geometry, for UVs, finer positions and further units, is "placement" and counts as texture. A GPU keeps its mesh in no
+    stream: beside a 3DNTC payload all of the stream's geometry is "geometry"."""
 
-    options = (*(f.name for f in fields(EncodeOptions) if f.name not in NOT_SETTINGS), "density")
+    options = tuple(f.name for f in fields(EncodeOptions) if f.name not in NOT_SETTINGS)
 
     def version(self):
         """The version of DracoPy, and a hash of the file that counts positions."""
@@ -49,23 +31,22 @@ class TexfMethod(Method):
         from texfcodec.api import decode, encode
         from texfcodec.precompile import small_scene
 
-        kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr", "target_psnr_of", "density")}
+        kept = {k: v for k, v in options.items() if k not in ("target_bytes", "target_psnr", "target_psnr_of")}
         kept |= {"resolution": WARM_RESOLUTION, "threads": threads, "refine_iterations": 1}
         if codec_of(kept.get("codec", DEFAULT_CODEC)).joint:
             kept["steps"] = 1
         elif kept.get("refine", "auto") == "auto" and kept.get("effort") != "fast":
             kept["refine"] = "fit"
         decode(encode(small_scene(), EncodeOptions(**kept)))
-        if EncodeOptions(**{k: v for k, v in options.items() if k != "density"}).may_choose_texels:
+        if EncodeOptions(**options).may_choose_texels:
             decode(encode(small_scene(), EncodeOptions(**kept | {"support": "texels"})))
 
     def encode(self, scene, options, folder, threads, report):
         """Code a Scene into STREAM."""
         from texfcodec.api import encode_to_result
 
-        settings = EncodeOptions(**{k: v for k, v in options.items() if k != "density"}, threads=threads)
-        with transfer_density(options.get("density")):
-            encoded = encode_to_result(scene, settings, report)
+        settings = EncodeOptions(**options, threads=threads)
+        encoded = encode_to_result(scene, settings, report)
         (folder / STREAM).write_bytes(encoded.data)
         chosen, sizes = {"resolution": encoded.resolution, "qp": encoded.qp}, encoded.sizes
         if "resident" in encoded.choices:

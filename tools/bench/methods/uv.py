@@ -222,9 +222,16 @@ def dec_meshes(folder, layout):
 
 
 def enc_images(rival, options, threads):
-    """Return ([bytes of each image], {"images": [[width, height]]}) of a Rival. Unread columns are flat; a single one is
+    """Return ([bytes of each image], {"images": [[width, height]]}) of a Rival."""
+    images = images_of(rival, options)
+    return ([_coded(image, components, options, threads) for image, components in images],
+            {"images": [image.shape[1::-1] for image, _ in images]})
+
+
+def images_of(rival, options):
+    """Return [(image uint8 [H, W, 3 or 4], its components that are read)] of a Rival. Unread columns are flat; a single one is
     grey."""
-    out, sizes = [], []
+    out = []
     scale = options["scale"] if options["parametrisation"] == parametrise.SOURCE_UVS else 1
     for key, image in rival.images.items():
         components = sorted(rival.columns[key])
@@ -236,9 +243,8 @@ def enc_images(rival, options, threads):
         image = np.ascontiguousarray(image if 3 in components else image[..., :3])
         if scale != 1:
             image = resized(image, [max(1, round(side * scale)) for side in image.shape[1::-1]], rival.with_maps)
-        out.append(_coded(image, components, options, threads))
-        sizes.append(image.shape[1::-1])
-    return out, {"images": sizes}
+        out.append((image, components))
+    return out
 
 
 def resized(image, size, alpha_is_data):
@@ -250,16 +256,20 @@ def resized(image, size, alpha_is_data):
 
 
 def _coded(image, components, options, threads):
-    """Bytes of an image; with chroma "best" those of the subsampling that saves more than it loses."""
-    codec, quality, chroma = options["codec"], options["quality"], options["chroma"]
-    if chroma != "best":
-        return image_codecs.enc_image(image, codec, quality, chroma, threads)
-    ways = [image_codecs.enc_image(image, codec, quality, chroma, threads) for chroma in image_codecs.CHROMAS]
+    codec, quality = options["codec"], options["quality"]
+    chroma = better_chroma(image, components, options, threads) if options["chroma"] == "best" else options["chroma"]
+    return image_codecs.enc_image(image, codec, quality, chroma, threads)
+
+
+def better_chroma(image, components, options, threads=1):
+    """Return the one of image_codecs.CHROMAS that saves more than it loses on an image at codec and quality of options."""
+    codec, quality, chromas = options["codec"], options["quality"], image_codecs.CHROMAS
+    ways = [image_codecs.enc_image(image, codec, quality, chroma, threads) for chroma in chromas]
     seen = [image_codecs.dec_image(data, codec, *image.shape[1::-1])[..., components].astype(np.float32) for data in ways]
     truth = image[..., [min(c, image.shape[2] - 1) for c in components]]
     costs = [len(data) * max(float(((decoded - truth) ** 2).mean()), 1e-3) ** WORTH
              for data, decoded in zip(ways, seen, strict=True)]
-    return ways[int(np.argmin(costs))]
+    return chromas[int(np.argmin(costs))]
 
 
 def handed_through(rival, options, cube):
@@ -274,12 +284,17 @@ def handed_through(rival, options, cube):
 def decoded(folder):
     """Return the Scene decoded from the files in a folder."""
     layout = pickle.loads((folder / LAYOUT).read_bytes())
-    lattice, faces, attributes = dec_meshes(folder, layout)
     images = [image_codecs.dec_image((folder / IMAGE.format(number, layout["codec"])).read_bytes(), layout["codec"], *size)
               for number, size in enumerate(layout["images"])]
+    return scene_of(layout, dec_meshes(folder, layout), images)
+
+
+def scene_of(layout, mesh, images):
+    """Return the Scene of a dec_meshes() result and decoded images, uint8 [H, W, 4] each."""
+    lattice, faces, attributes = mesh
     textures = [Texture(images[number], wrap, name) for number, wrap, name in layout["textures"]] if images else []
-    scene = Scene(layout["cube"].to_world(lattice), faces, layout["face_material"], attributes.pop("corner_uv"),
-                  attributes.pop("corner_color"), layout["materials"], textures)
-    for name, values in attributes.items():
-        setattr(scene, name, values)
+    base = {name: attributes[name] for name in ("corner_uv", "corner_color")}
+    scene = Scene(layout["cube"].to_world(lattice), faces, layout["face_material"], *base.values(), layout["materials"], textures)
+    for name in attributes.keys() - base.keys():
+        setattr(scene, name, attributes[name])
     return scene

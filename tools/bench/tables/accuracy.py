@@ -1,306 +1,298 @@
-"""docs/reports/accuracy_time.md: what accuracy costs in time, from the jobs of tools/conditions/accuracy.toml and metrics.toml.
+"""docs/reports/accuracy_time.md: what accuracy costs in time, from rows of tools/bench/ladders.py; NOTE says how they compare."""
 
-A group of settings is a knob, "{knob}_{value}" the name of a setting. Bytes at equal quality: percent of bytes above the curve
-that the defaults have over QP at the same support, at the setting's own dB, so that settings of different bytes and decibels
-become one number. A setting is dominated where another value of its knob is no worse in seconds and bytes at equal quality and
-better in one. Seconds are the encoder's own on the processor, whatever else the machine does. """
-
+import json
 import math
-import statistics
-from collections import Counter, defaultdict
+from collections import defaultdict
 from typing import NamedTuple
 
-from texfcodec.encoder.explain import BETTER, BUYS, DOMINATED, EQUAL, GAIN, NOISE, SAVES, per_second, verdict
-from texfcodec.metrics.bd_rate import difference_at
+import numpy as np
+
+from texfcodec.encoder.explain import NOISE
 from tools.bench.plots import load_pyplot, logarithmic
 from tools.bench.provenance import made_on
 from tools.bench.result_tables import markdown_table
-from tools.bench.results import at, grouped, read_results
+from tools.bench.tables.lit import hull
 
-VERDICTS = {BETTER: "**better than the default**", BUYS: "buys bytes", SAVES: "saves time", DOMINATED: "no gain",
-            EQUAL: "the same"}
-DECIBELS, ERROR, BASE_QP, REACH = 0.01, 0.005, "QP_28", 1.0  # gains in dB; REACH: dB beyond the curve's ends that it is asked for
-QUALITY, IMAGE = ("psnr_3d", "y"), ("image", "psnr", "y")
-
-
-class Knob(NamedTuple):
-    """A setting that is varied. text: what it is; values: from cheap to dear, "" for numbers; curve: group of its rate curve, ""
-    without; auto: whether the rest is left to the encoder; hindsight: whether the default chooses among the other values, and
-    pays for it."""
-
-    text: str
-    default: str | None
-    values: str = ""
-    curve: str = "QP"
-    auto: bool = False
-    hindsight: bool = False
-    quality: tuple = QUALITY
-
-
-KNOBS = {
-    "preset": Knob("rate preset, all else left to the encoder", "r04", auto=True),
-    "preset with effort": Knob("as the presets, at another effort", None, auto=True),
-    "effort": Knob("tools of the coder, partition and weights", "balanced", "fast balanced best"),
-    "QP": Knob("quantisation, by image PSNR", "28", "44 36 32 28 24 20 12", quality=IMAGE),
-    "K": Knob("voxels along the longest side, times the usual", "1", curve="QP, voxels"),
-    "texel size": Knob("texels along an image's side, times the source's", "1", curve="QP, texels"),
-    "support": Knob("voxels or texels, at r03", "auto", "voxels texels auto", auto=True, hindsight=True),
-    "refinement": Knob("of the colours before coding", "auto", "off auto render", "QP, voxels"),
-    "iterations": Knob("of inverse rendering", "30", curve="QP, voxels"),
-    "density": Knob("the transfer's samples per voxel edge, no fit after it", "4", curve="QP, voxels"),
-    "density before a fit": Knob("the same where a surface fit follows", "3", curve="QP, voxels"),
-    "area threshold": Knob("1/256 voxel faces of surface below which a voxel goes", "77", curve="QP, voxels"),
-    "partition": Knob("of the mesh into fields where surfaces meet", "auto", "off auto", "QP, voxels"),
-    "position bits": Knob("of a vertex coordinate, by image PSNR, because 3D-PSNR does not see where the surface has moved", "14",
-                          quality=IMAGE),
-    "near-lossless D": Knob("largest error of a coded value, 0: lossless; no fit", None, "8 4 2 1 0"),
-    "3DNTC steps": Knob("of the fit, mpeg1", "15000", curve=""),
-    "3DNTC size": Knob("points of the paper, 1000 steps", "mpeg1", curve=""),
-}
+REACH, AIMS = 0.5, (40, 82)  # dB beyond a curve's ends; qualities of the base whose PSNRs all rungs are compared at
+USUAL = {"ours": "balanced", "avif6": 6, "webp4": 4, "jxl": 7, "etc1s": 0, "uastc": 0, "hevc": "slow", "tmc13": "raht"}
+BASE, OURS = ("avif6", 6, 1), ("ours", "balanced", 1)
+NOTE = (
+    "Bytes are those of whole files, in percent of Draco with AVIF at speed 6, at the PSNR of Y in daylight (the scan: unlit; "
+    "8 views of 512 pixels) that this has at qualities 40 and 82. A tool's usual effort is measured at several and "
+    "interpolated there; another effort is measured at one and keeps its ratio to the usual one. Tools that do not come near "
+    "that PSNR are compared at their own. Seconds are of the processor, with one thread, of coding from arrays and of "
+    "decoding to arrays; those of whole programs are of the process, and of our loader. Means over assets are geometric; a "
+    "rung that is measured on fewer assets (hollow marks: slow ones, where a large asset would take minutes) has the mean of "
+    "its ratios to the tool's usual effort there. The grey line is the front: no rung is both faster and smaller.")
+KNOBS = (
+    "Each asset at r03 and balanced beside one change, as texf-enc --explain-time shows it for an asset of your own: its "
+    "processor seconds in units of ours, its bytes at equal PSNR in daylight, and how often which verdict. What stays "
+    "although a column may speak for it: position bits (12 cost the fish 22 % more bytes in light, and the encoder takes more "
+    "than 14 where pictures show it); partition, K and refinement, which the encoder chooses by asset and pays for finding "
+    "out. Samples an edge before a surface fit, 3 before, are 2 now.")
+ABSENT = (
+    "Not here: UVAtlas, which takes 100 to 1,700 s; toktx (KTX2 is coded by Basis Universal's encoder, as a library); images "
+    "by gltfpack, whose build for npm codes none. HEVC over new UVs (xatlas) and TMC13 over our voxels code base colours "
+    "alone, so they stand with the scan. glTF knows no JPEG XL, and few browsers do.")
+# Names for readers, colours and marks; at most ten.
+TOOLS = {"ours": ("texfcodec", "#c2410c", "o"), "avif6": ("Draco, AVIF", "#1f4e9c", "s"),
+         "webp4": ("Draco, WebP", "#1b7f3b", "^"), "jxl": ("Draco, JPEG XL", "#7c3aed", "v"),
+         "etc1s": ("Draco, KTX2 ETC1S", "#0891b2", "D"), "uastc": ("Draco, KTX2 UASTC", "#64748b", "d"),
+         "hevc": ("UV-Reparam, HEVC", "#be185d", "P"), "tmc13": ("TMC13, our voxels", "#a16207", "X"),
+         "gltf-transform": ("gltf-transform optimize", "#111111", "*"),
+         "gltfpack": ("gltfpack", "#8a8a8a", "p"), "texf-enc": ("texf-enc", "#c2410c", "*")}
+PROGRAMS = "texf-enc", "gltf-transform", "gltfpack"
 
 
 class Cell(NamedTuple):
-    """A value of a knob on one asset. percent: bytes above the curve at equal quality, None if out of its range; by: values that
-    dominate it."""
+    """A rung on an asset, or in the mean of `assets` ones. percent: bytes, of the base's at equal PSNR; encode, decode: processor
+    seconds; wall: of encoding; size, psnr: of its middle point."""
 
-    value: str
-    seconds: float
-    size: int
-    quality: float
-    percent: float | None
-    by: tuple = ()
+    percent: float
+    encode: float
+    decode: float
+    wall: float
+    size: float = 0.0
+    psnr: float = 0.0
+    assets: int = 1
 
-
-def dominates(a, b):
-    """Return whether a, (seconds, other costs with the gain that counts), is no worse than b throughout and better in one.
-    Seconds within NOISE count as equal."""
-    (fast, ours), (slow, theirs) = a, b
-    no_worse = fast <= slow * (1 + NOISE) and all(x <= y for (x, _), (y, _) in zip(ours, theirs, strict=True))
-    better = fast * (1 + NOISE) < slow or any(x < y - gain for (x, gain), (y, _) in zip(ours, theirs, strict=True))
-    return no_worse and better
+    def seconds(self, side):
+        return getattr(self, side)
 
 
-def dominated(points):
-    """Return for each of points, (seconds, ((cost, gain), ...)), the indices of those that dominate it."""
-    return [[i for i, a in enumerate(points) if dominates(a, b)] for b in points]
+def mean(values):
+    """Return the geometric mean of positive numbers."""
+    return math.exp(math.fsum(map(math.log, values)) / len(values))
 
 
-def seconds_of(row):
-    """Return the processor seconds of a row's encode, or those by the wall clock if an older row has no others."""
-    return at(row, ("seconds", "encode", "processor")) or row["seconds"]["encode"]["total"]
+class Curve:
+    """Bytes and seconds of a rung over PSNR on an asset. rows: its points, those off the hull left out."""
+
+    def __init__(self, rows):
+        kept = set(hull([(row["bytes"], row["psnr"]) for row in rows]))
+        rows = sorted((row for row in rows if (row["bytes"], row["psnr"]) in kept), key=lambda row: row["psnr"])
+        self.psnr, self.logs = [row["psnr"] for row in rows], np.array([logs_of(row) for row in rows])
+
+    def reaches(self, psnr):
+        """Whether the points come within REACH of a PSNR."""
+        return self.psnr[0] - REACH <= psnr <= self.psnr[-1] + REACH
+
+    def at(self, psnr):
+        """Logarithms of (bytes, seconds to encode, to decode, of wall) at a PSNR: linear between points and beyond the ends."""
+        if len(self.psnr) == 1:
+            return self.logs[0]
+        n = int(np.clip(np.searchsorted(self.psnr, psnr), 1, len(self.psnr) - 1))
+        share = (psnr - self.psnr[n - 1]) / (self.psnr[n] - self.psnr[n - 1])
+        return (1 - share) * self.logs[n - 1] + share * self.logs[n]
 
 
-def value_of(row):
-    """Return the value of the varied setting of a row."""
-    return row["setting"].partition("_")[2].replace("_", " ")
+def logs_of(row):
+    """Return the logarithms that Curve.at() returns, of a row."""
+    return np.log([row["bytes"], *(max(seconds, 1e-4) for seconds in (row["encode"][0], row["decode"][0], row["encode"][1]))])
 
 
-def cells_of(name, by_group, asset):
-    """Return the [Cell] of a knob (name) on an asset, in the order of its values. by_group: of results.grouped()."""
-    knob = KNOBS[name]
-    rows = by_group.get(name, {}).get(asset, [])
-    order = knob.values.split()
-    rows = sorted(rows, key=lambda row: order.index(value_of(row)) if order else _number(value_of(row)))
-    curve = curve_of(by_group, asset, knob)
-    cells = []
+def usual_of(rung):
+    """Return the usual rung of a rung's tool."""
+    return rung[0], USUAL.get(rung[0], rung[1]), 1
+
+
+def cells_of(rows):
+    """Return {(tool, effort, threads): {asset: Cell}} of rows, in their order."""
+    points, cells = defaultdict(lambda: defaultdict(list)), defaultdict(dict)
     for row in rows:
-        size, quality = row["bytes"]["total"], at(row, knob.quality)
-        quality = math.inf if quality is None else quality
-        cells.append(Cell(value_of(row), seconds_of(row), size, quality, percent_at(curve, size, quality)))
-    if name == "QP":  # it is the curve
-        return cells
-    has_percent = any(cell.percent is not None for cell in cells)
-    known = [cell for cell in cells if cell.percent is not None or not has_percent]
-    beaten_sets = dominated([(cell.seconds, ((cell.percent, GAIN),) if has_percent else
-                              ((cell.size, 0.001 * cell.size), (-cell.quality, DECIBELS))) for cell in known])
-    by = {cell.value: tuple(known[i].value for i in beaten) for cell, beaten in zip(known, beaten_sets, strict=True)}
-    return [cell._replace(by=by.get(cell.value, ())) for cell in cells]
+        points[row["asset"]][row["tool"], row["effort"], row["threads"]].append(row)
+    for asset, rungs in points.items():
+        curves = {rung[0]: Curve(rungs.get(usual_of(rung), held)) for rung, held in rungs.items()}
+        aims = [row["psnr"] for row in rungs.get(BASE, []) if row["point"] in AIMS]
+        for rung, held in rungs.items() if BASE in rungs else ():
+            cells[rung][asset] = cell_of(held, curves[rung[0]], curves[BASE[0]], aims)
+    return cells
 
 
-def _number(text):
-    try:
-        return float(text), text
-    except ValueError:
-        return math.inf, text
+def cell_of(held, usual, base, aims):
+    """Return the Cell of a rung's rows on an asset. usual, base: Curves of the tool's usual effort and of BASE; aims: PSNRs."""
+    reached = [psnr for psnr in aims if usual.reaches(psnr)]
+    if reached and len(usual.psnr) > 1:
+        offset = np.mean([logs_of(row) - usual.at(row["psnr"]) for row in held], axis=0)
+        logs = [usual.at(psnr) + offset for psnr in reached]
+    else:
+        reached, logs = [row["psnr"] for row in held], [logs_of(row) for row in held]
+    shares = [ours[0] - base.at(psnr)[0] for psnr, ours in zip(reached, logs, strict=True) if base.reaches(psnr)]
+    percent = math.exp(np.mean(shares)) if shares else math.nan
+    middle = sorted(held, key=lambda row: row["bytes"])[len(held) // 2]
+    return Cell(100 * percent, *np.exp(np.mean(logs, axis=0)[1:]).tolist(), middle["bytes"], middle["psnr"])
 
 
-def curve_of(by_group, asset, knob):
-    """Return the rate curve of a knob's defaults over QP, [(bytes, dB)], without points that another beats in both; may be
-    []."""
-    rows = by_group.get(knob.curve, {}).get(asset) or by_group.get(knob.curve and "QP", {}).get(asset, [])
-    points = sorted((row["bytes"]["total"], at(row, knob.quality)) for row in rows if at(row, knob.quality) is not None)
-    return [point for i, point in enumerate(points) if all(quality < point[1] for _, quality in points[:i])]
+def means_of(cells):
+    """Return {rung: Cell} of the mean over assets, without the tools that code the scan alone. cells: of cells_of()."""
+    known = {rung: {asset: cell for asset, cell in held.items() if math.isfinite(cell.percent)}
+             for rung, held in cells.items() if rung[0] not in ("hevc", "tmc13")}
+
+    def ratios(rung, other):
+        both = [(cell, known[other][asset]) for asset, cell in known[rung].items() if asset in known.get(other, {})]
+        return np.array([mean([a[i] / b[i] for a, b in both]) for i in range(4)]) if both else None
+
+    whole, means = np.array([mean([cell[i] for cell in known[BASE].values()]) for i in range(4)]), {}
+    for rung, held in known.items():
+        steps = ratios(rung, usual_of(rung)), ratios(usual_of(rung), BASE) if usual_of(rung) in known else None
+        if steps[0] is not None and steps[1] is not None:
+            means[rung] = Cell(*(whole * steps[0] * steps[1]).tolist(), assets=len(held))
+    return means
 
 
-def percent_at(curve, size, quality):
-    """Return by how many percent size is above a curve at a quality in dB; None beyond the curve's ends or if it is []."""
-    if len(curve) < 2 or not curve[0][1] - REACH <= quality <= curve[-1][1] + REACH:
-        return None
-    try:
-        return difference_at([b for b, _ in curve], [q for _, q in curve], size, quality)
-    except ValueError:
-        return None
+def front(points, side):
+    """Return the rungs on the front, fastest first. points: {rung: Cell}; side: "encode" or "decode"."""
+    kept, least = [], math.inf
+    for rung, cell in sorted(points.items(), key=lambda item: (item[1].seconds(side), item[1].percent)):
+        if cell.percent < least:
+            kept.append(rung)
+            least = cell.percent
+    return kept
 
 
-def steps_of(table):
-    """Return [(knob, value, {asset: (extra seconds, extra bytes in percent, verdict)})] of the values next to the default.
-    table: {knob: {asset: [Cell]}}."""
-    steps = []
-    for name, by_asset in table.items():
-        trades, knob = defaultdict(dict), KNOBS[name]
-        for asset, cells in by_asset.items() if name not in ("preset", "QP") else ():
-            cells = [cell for cell in cells if cell.percent is not None]
-            place = next((i for i, cell in enumerate(cells) if cell.value == knob.default), None)
-            for cell in [] if place is None else cells[max(place - 1, 0): place] + cells[place + 1: place + 2]:
-                base = cells[place]
-                percent = 100 * ((100 + cell.percent) / (100 + base.percent) - 1)
-                trades[cell.value][asset] = (cell.seconds - base.seconds, percent, verdict(base.seconds, cell.seconds, percent))
-        steps += [(name, value, trade) for value, trade in trades.items()]
-    return steps
+def plotted(points):
+    """Return those of {rung: Cell} with one thread and a percent, without texf-enc, and gltfpack, which codes no images."""
+    return {rung: cell for rung, cell in points.items()
+            if rung[2] == 1 and rung[0] not in ("texf-enc", "gltfpack") and math.isfinite(cell.percent)}
 
 
-def step_lines(table, assets):
-    """Return Markdown lines on what one more second buys, by knob and asset. table: as of steps_of()."""
-    rows = []
-    for name, value, trades in steps_of(table):
-        bought = [gain for seconds, percent, word in trades.values() if word not in (BETTER, DOMINATED)
-                  and (gain := per_second(1e9, 1e9 + seconds, percent, 0.0)) is not None]
-        middle = [statistics.median(trade[i] for trade in trades.values()) for i in (0, 1)]
-        word = Counter(trade[2] for trade in trades.values()).most_common(1)[0][0]
-        rows.append([name, f"{KNOBS[name].default} to {value}", *(_trade(*trades[a][:2]) if a in trades else "" for a in assets),
-                     _trade(*middle), f"{statistics.median(bought):.1f} %" if bought else "",
-                     "hindsight" if KNOBS[name].hindsight else VERDICTS[word]])
-    return markdown_table(["knob", "step", *assets, "median", "a second more buys", "verdict"], rows, 2)
+def draw_panel(panel, points, side, title):
+    """Draw the ladders of {rung: Cell} and their front into a matplotlib panel."""
+    by_tool = defaultdict(list)
+    for rung, cell in plotted(points).items():
+        by_tool[rung[0]].append((cell.seconds(side), cell.percent, rung[1], cell.assets))
+    line = [points[rung] for rung in front(plotted(points), side)]
+    panel.step([c.seconds(side) for c in line], [c.percent for c in line], where="post", color="#cfcfcf", lw=6, zorder=0)
+    most = max(cell.assets for cell in points.values())
+    for tool, (name, colour, mark) in ((tool, look) for tool, look in TOOLS.items() if tool in by_tool):
+        held = by_tool[tool]
+        held.sort()
+        panel.plot([h[0] for h in held], [h[1] for h in held], "-", color=colour, lw=1, label=name, marker=mark, ms=5)
+        few = [h for h in held if h[3] < most]
+        panel.plot([h[0] for h in few], [h[1] for h in few], mark, color=colour, mfc="white", ms=5)
+        for seconds, percent, effort, _ in (held[0], held[-1]) if len(held) > 1 and side == "encode" else ():
+            panel.annotate(effort, (seconds, percent), xytext=(3, 4), textcoords="offset points", fontsize=7, color=colour)
+    panel.set(title=title, xlabel=f"{side}, processor seconds, one thread", ylabel="bytes at equal PSNR, % of AVIF 6",
+              yscale="log")
+    logarithmic(panel)
+    panel.grid(alpha=0.25, which="both")
+    from matplotlib.ticker import NullFormatter
+
+    panel.set_yticks([25, 50, 100, 200, 400, 800], ["25", "50", "100", "200", "400", "800"])
+    panel.yaxis.set_minor_formatter(NullFormatter())
 
 
-def _trade(seconds, percent):
-    return f"{seconds:+.2f} s, {percent:+.1f} %"
-
-
-def changes_of(table):
-    """Return lines on presets and defaults that are dominated on an asset, the most frequent first. table: see steps_of()."""
-    votes, judged = defaultdict(list), Counter()
-    for name, by_asset in table.items():
-        for asset, cells in by_asset.items():
-            for cell in cells:
-                if cell.value == KNOBS[name].default and not KNOBS[name].hindsight and name != "preset":
-                    judged[name] += 1
-                    votes[name] += [f"{asset}: {', '.join(cell.by[:2])}"] if cell.by else []
-    for asset, beaten in beaten_presets(table).items():
-        for preset, by in beaten.items():
-            judged[preset] += 1
-            votes[preset] += [f"{asset}: {', '.join(by[:2])}"] if by else []
-    ranked = sorted((name for name in votes if votes[name]), key=lambda name: -len(votes[name]) / judged[name])
-    return [f"- **{name}**{': ' + KNOBS[name].default if name in KNOBS else ''} is dominated on {len(votes[name])} of "
-            f"{judged[name]} ({'; '.join(votes[name])})" for name in ranked] or ["No preset and no default is dominated."]
-
-
-def beaten_presets(table):
-    """Return {asset: {"preset rNN": settings that dominate it in seconds, bytes and dB}}, among those that leave as much to the
-    encoder. table: as of steps_of()."""
-    beaten_by_asset = {}
-    for asset in dict.fromkeys(asset for by_asset in table.values() for asset in by_asset):
-        rows = [(f"{name} {cell.value}", cell) for name, by_asset in table.items() if KNOBS[name].auto
-                and not KNOBS[name].hindsight for cell in by_asset.get(asset, [])]
-        by = dominated([(c.seconds, ((c.size, 0.001 * c.size), (-c.quality, DECIBELS))) for _, c in rows])
-        beaten_by_asset[asset] = {name: [rows[i][0] for i in beaten] for (name, _), beaten in zip(rows, by, strict=True)
-                                  if name.startswith("preset r") and "effort" not in name}
-    return beaten_by_asset
-
-
-def knob_lines(table, assets):
-    """Return the lines of a Markdown table per knob: a row per value, a column per asset. table: as of steps_of()."""
-    for name, by_asset in table.items():
-        columns = [asset for asset in assets if by_asset.get(asset)]
-        values = list(dict.fromkeys(cell.value for asset in columns for cell in by_asset[asset]))
-        rows = [[f"{value} (default)" if value == KNOBS[name].default else value,
-                 *(next(map(_cell, (c for c in by_asset[asset] if c.value == value)), "") for asset in columns)]
-                for value in values]
-        yield from [f"### {name}", "", f"{KNOBS[name].text[0].upper()}{KNOBS[name].text[1:]}.", "",
-                    *markdown_table([name, *columns], rows), ""]
-
-
-def _cell(cell):
-    quality = "" if math.isinf(cell.quality) else f", {cell.quality:.2f} dB"
-    percent = "" if cell.percent is None else f", **{cell.percent:+.1f} %**"
-    return f"{'~ ' if cell.by else ''}{cell.seconds:.2f} s, {cell.size:,} B{quality}{percent}"
-
-
-def metric_lines(rows, assets):
-    """Return lines on what the metrics cost and miss: rows of the group "metric" at several evaluations against the largest of
-    them, root mean square over seeds."""
-    kinds = (("views of the metric", IMAGE, lambda row: (row["image"]["size"], row["image"]["views"]) if row["image"] else None),
-             ("samples of 3D-PSNR", QUALITY, lambda row: None if row["image"] else row["psnr_3d"]["samples"]))
-    for title, path, key in kinds:
-        readings = defaultdict(list)
-        for row in rows:
-            if key(row) is not None and at(row, path) is not None:
-                readings[row["asset"], key(row)].append((at(row, path), row["seconds"]["measure"]))
-        if not readings:
-            continue
-        most, lines = max(value for _, value in readings), []
-        for value in sorted({value for _, value in readings} - {most}):
-            line = [f"{value[1]} x {value[0]}" if isinstance(value, tuple) else f"{value:,}"]
-            for asset in assets:
-                runs = readings.get((asset, value))
-                truth = statistics.fmean(y for y, _ in readings.get((asset, most), [(math.nan, 0)]))
-                line.append("" if not runs else f"{statistics.fmean(s for _, s in runs):.2f} s, "
-                            f"{math.sqrt(statistics.fmean((y - truth) ** 2 for y, _ in runs)):.3f} dB")
-            lines.append(line)
-        yield from [f"### {title}", "", *markdown_table([title, *assets], lines), ""]
-
-
-def draw(table, assets, path):
-    """Plot bytes saved at equal quality against seconds for each asset, with the front, to path. Return False without
-    matplotlib."""
+def draw(cells, means, folder):
+    """Write accuracy_time.png, the mean, and accuracy_time_assets.png into a folder. Return False without matplotlib."""
     pyplot = load_pyplot()
     if pyplot is None:
         return False
-    lines = -(-len(assets) // 2)
-    figure, panels = pyplot.subplots(lines, min(len(assets), 2), figsize=(14, 4.6 * lines), squeeze=False)
-    for panel, asset in zip(panels.flat, assets, strict=False):
-        cells = [(name, cell) for name, by_asset in table.items() if name != "QP" for cell in by_asset.get(asset, [])
-                 if cell.percent is not None and (cell.value != KNOBS[name].default or KNOBS[name].auto)]
-        points = sorted((cell.seconds, -cell.percent, f"{name} {cell.value}", KNOBS[name].auto) for name, cell in cells)
-        front = [p for i, p in enumerate(points) if all(other[1] < p[1] for other in points[:i])]
-        panel.plot([p[0] for p in front], [p[1] for p in front], "-", color="#1b7f3b", lw=2, zorder=1)
-        for seconds, saved, label, auto in points:
-            panel.plot(seconds, max(saved, -40), "s" if auto else "x", color="#1f4e9c" if auto else "#9a9a9a")
-            panel.annotate(label, (seconds, max(saved, -40)), xytext=(6, 4), textcoords="offset pixels", fontsize=7)
-        panel.set(title=asset, xlabel="encode, processor seconds, one thread", ylabel="bytes saved at equal quality, %")
-        logarithmic(panel)
-        panel.grid(alpha=0.25)
-    figure.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    pyplot.close(figure)
+    folder.mkdir(parents=True, exist_ok=True)
+    assets = list(cells[BASE])
+    by_asset = {asset: {rung: held[asset] for rung, held in cells.items() if asset in held} for asset in assets}
+    for name, shape, jobs in (
+            ("accuracy_time", (1, 2), [(means, "encode", "mean: encode"), (means, "decode", "mean: decode")]),
+            ("accuracy_time_assets", (-(-len(assets) // 2), 2), [(by_asset[asset], "encode", asset) for asset in assets])):
+        figure, panels = pyplot.subplots(*shape, figsize=(13, 4.8 * shape[0]), squeeze=False)
+        for panel, job in zip(panels.flat, jobs, strict=False):
+            draw_panel(panel, *job)
+        names = {label: handle for panel in panels.flat for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)}
+        figure.legend(names.values(), names, loc="lower center", ncols=5, fontsize=9)
+        figure.tight_layout(rect=(0, 0.6 / figure.get_figheight(), 1, 1))
+        figure.savefig(folder / f"{name}.png", dpi=100)
+        pyplot.close(figure)
     return True
 
 
+def mean_lines(means):
+    """Return the Markdown table of all rungs in the mean. means: of means_of()."""
+    fronts = {side: front(plotted(means), side) for side in ("encode", "decode")}
+    rows = [[TOOLS[rung[0]][0], rung[1], cell.assets, f"{cell.percent:.0f} %",
+             *(f"{'**' * (rung in fronts[side])}{cell.seconds(side):.{places}f}{'**' * (rung in fronts[side])}"
+               for side, places in (("encode", 2), ("decode", 3)))]
+            for tool in TOOLS for rung, cell in sorted(means.items(), key=lambda item: item[1].encode)
+            if rung[0] == tool and rung in plotted(means)]
+    return markdown_table(["tool", "effort", "assets", "bytes", "encode, s", "decode, s"], rows, 2)
+
+
+def share_of(cell):
+    """Return the bytes of a Cell in words: percent, or kB where AVIF does not come as close."""
+    return f"{cell.percent:.0f} %" if math.isfinite(cell.percent) else f"{cell.size / 1e3:,.0f} kB ({cell.psnr:.1f} dB)"
+
+
+def asset_lines(cells):
+    """Return the Markdown table of ours by asset: each effort beside AVIF at speed 6."""
+    efforts = [rung for rung in cells if rung[0] == "ours" and rung[2] == 1]
+    rows = []
+    for asset, base in cells[BASE].items():
+        held = [cells[rung].get(asset) for rung in efforts]
+        rows.append([asset, f"{base.encode:.1f} s, {base.decode:.2f} s",
+                     *("" if cell is None else f"{share_of(cell)}, {cell.encode:.1f} s, {cell.decode:.2f} s" for cell in held)])
+    return markdown_table(["asset", "AVIF 6", *(rung[1] for rung in efforts)], rows)
+
+
+def program_lines(cells):
+    """Return the Markdown table of whole programs by asset."""
+    rungs = [rung for rung in cells if rung[0] in PROGRAMS]
+    rows = [[asset, *("" if (cell := cells[rung].get(asset)) is None else
+                      f"{cell.size / 1e3:,.0f} kB, {cell.psnr:.1f} dB, {cell.encode:.1f} s" for rung in rungs)]
+            for asset in cells[BASE]]
+    return markdown_table(["asset", *(f"{TOOLS[rung[0]][0]} {rung[1]}" for rung in rungs)], rows)
+
+
+def thread_lines(cells):
+    """Return the Markdown table of rungs that are measured with two threads: seconds with one and two."""
+    rows = []
+    for rung in (rung for rung in cells if rung[2] == 2):
+        single = cells[*rung[:2], 1]
+        pairs = [(single[asset], cell) for asset, cell in cells[rung].items() if asset in single]
+        figures = [", ".join(f"{mean([pair[n].seconds(side) for pair in pairs]):.2f} s" for side in ("encode", "wall"))
+                   for n in (0, 1)]
+        rows.append([TOOLS[rung[0]][0], rung[1], len(pairs), *figures])
+    return markdown_table(["tool", "effort", "assets", "one thread: processor, wall", "two threads: processor, wall"], rows, 2)
+
+
+def knob_lines(rows):
+    """Return the Markdown table of settings one step from r03: explain_time() of every asset."""
+    by_change, assets = defaultdict(dict), [row["asset"] for row in rows]
+    for row in rows:
+        for step in row["explained"]["neighbours"]:
+            if step.get("percent") is not None:
+                seconds = row["explained"]["base"]["processor_seconds"]
+                by_change[step["change"]][row["asset"]] = step["processor_seconds"] / seconds, step["percent"], step["verdict"]
+    lines = []
+    for change, held in by_change.items():
+        words = [held[asset][2] for asset in held]
+        lines.append([change, *(f"{held[a][0]:.2f}, {held[a][1]:+.1f} %" if a in held else "" for a in assets),
+                      f"{mean([h[0] for h in held.values()]):.2f}, {mean([100 + h[1] for h in held.values()]) - 100:+.1f} %",
+                      ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))])
+    return markdown_table(["step", *assets, "mean", "verdicts"], lines)
+
+
+def sentences(means):
+    """Return the sentence that says where ours is slow and where fast."""
+    ours, base = means.get(OURS), means[BASE]
+    if ours is None:
+        return "Ours is not measured."
+    shown = plotted(means)
+    worse = [rung for rung, cell in shown.items() if rung[0] != "ours" and cell.encode > ours.encode * (1 + NOISE)]
+    slower, fronts = (", ".join(f"{TOOLS[rung[0]][0]} {rung[1]}" for rung in rungs)
+                      for rungs in (worse, front(shown, "encode")))
+    return (f"At balanced, ours takes {ours.percent:.0f} % of the bytes of AVIF at speed 6, {ours.encode / base.encode:.1f} "
+            f"times its seconds to encode and {ours.decode / base.decode:.0f} times to decode. Slower to encode than ours: "
+            f"{slower or 'nothing'}. On the front of encoding, fastest first: {fronts}.")
+
+
 def page(args):
-    """Return the lines of the whole page. args: parsed arguments of collect.py; the plot goes into pictures/ beside args.out."""
-    every = [row for folder in args.results for row in read_results(folder)]
-    rows = [row for row in every if row["group"] != "metric"]
-    by_group, assets = grouped(rows), list(dict.fromkeys(row["asset"] for row in rows))
-    table = {name: {asset: cells for asset in assets if (cells := cells_of(name, by_group, asset))} for name in KNOBS
-             if name in by_group}
-    shares = ", ".join(f"{row['asset']} {100 * row['bytes']['geometry'] / row['bytes']['total']:.0f} %" for row in rows
-                       if row["setting"] == BASE_QP)
-    plot = args.out.parent / "pictures" / "accuracy_time.png"
-    lines = ["# What accuracy costs in time", "", f"{', '.join(assets)}; one thread, warm kernels, processor seconds of an "
-             f"encode without loading, once. Made by `make -C tools accuracy` {made_on()}.", "",
-             f"Bytes are those of the whole stream (geometry at QP 28: {shares}). *Bytes at equal quality* compares a setting "
-             "with the curve that the defaults have over QP, at the setting's own 3D-PSNR of Y. A setting is dominated where "
-             f"another is no worse and better in one thing, by more than {100 * NOISE:.0f} % of seconds, {GAIN} % of bytes or "
-             f"{DECIBELS} dB.", ""]
-    if draw(table, assets, plot):
-        lines += [f"![bytes saved at equal quality against seconds, an asset a panel](pictures/{plot.name})", "",
-                  "The green line is the front: no setting is both faster and smaller. Blue squares leave all else to the "
-                  "encoder.", ""]
-    lines += ["## What one more second buys", "", "A step from the default, up or down: seconds, and bytes at equal quality. The "
-              "verdict is what most assets say; *hindsight* is a value that the default may choose by itself, and pays for "
-              "finding out.", "", *step_lines(table, assets), "", "## To change", "", *changes_of(table), ""]
-    lines += ["## Knob by knob", "", "Seconds, bytes, dB, and in bold the bytes above the defaults' curve at equal quality; ~ "
-              "marks what another value of the same knob dominates. An empty cell was not measured, or has no meaning for the "
-              "asset.", "", *knob_lines(table, assets)]
-    return [*lines, *metric_lines([row for row in every if row["group"] == "metric"], assets)]
+    """Return the lines of the whole page. args: parsed arguments of collect.py; the plots go into pictures/ beside args.out."""
+    every = [json.loads(line) for path in args.results for line in path.read_text(encoding="utf-8").splitlines()]
+    cells = cells_of([row for row in every if "bytes" in row])
+    means, knobs = means_of(cells), [row for row in every if "explained" in row]
+    lines = ["# What accuracy costs in time", "", sentences(means), ""]
+    if draw(cells, means, args.out.parent / "pictures"):
+        lines += ["![bytes at equal PSNR against seconds, in the mean](pictures/accuracy_time.png)", ""]
+    lines += [f"Made by `make -C tools accuracy` {made_on()}, from rows of tools/bench/ladders.py. {NOTE}"]
+    lines += ["", ABSENT, "", "## By asset", "", "![the same, an asset a panel](pictures/accuracy_time_assets.png)", "",
+              *asset_lines(cells), "", "## All rungs, in the mean", "", "In bold: on the front.", "", *mean_lines(means), ""]
+    lines += ["## Whole programs", "", *program_lines(cells), "", "## Two threads", "", *thread_lines(cells), ""]
+    return [*lines, *(["## Settings one step away", "", KNOBS, "", *knob_lines(knobs)] if knobs else [])]

@@ -226,7 +226,7 @@ def _compared(views, others, same_faces, threads):
         rows, weight = _matched(*pair, same_faces)
         return [view.colours(own) for view, own in zip(pair, rows, strict=True)], weight
 
-    pairs, errors = list(zip(views, others, strict=True)), {}
+    pairs, errors = list(zip(views, others, strict=True)), dict[int, ColourError]()
     for (before, after), weight in (colours(pairs[0]), *in_order(colours, pairs[1:], threads)):
         for light, (a, b) in enumerate(zip(before, after, strict=True)):
             errors.setdefault(light, ColourError()).add(a, b, weight)

@@ -223,7 +223,7 @@ def _compared(views, others, same_faces, threads):
     silhouette, lost, shown = np.sum([_uncovered(a.covered, b.covered) for a, b in zip(views, others, strict=True)], axis=0)
 
     def colours(pair):
-        rows, weight = _matched(*pair, same_faces)
+        rows, weight = _matched(pair[0], pair[1], same_faces)
         return [view.colours(own) for view, own in zip(pair, rows, strict=True)], weight
 
     pairs, errors = list(zip(views, others, strict=True)), dict[int, ColourError]()

@@ -66,7 +66,7 @@ def test_the_stream_is_written_when_nothing_else_may_fail(call, tmp_path, monkey
     assert code == 6 and "TXF-L09" in said and [path.name for path in tmp_path.iterdir()] == ["a.obj"]
 
 
-@pytest.mark.parametrize("effort, said", [("best", "effort fast takes up to a quarter less"), ("fast", "which takes least")])
+@pytest.mark.parametrize("effort, said", [("balanced", "effort fast takes up to a quarter less"), ("fast", "which takes least")])
 def test_an_encode_that_runs_out_of_memory_says_which_effort_takes_less(call, tmp_path, monkeypatch, effort, said):
     def no_memory(*_):
         raise MemoryError

@@ -35,8 +35,8 @@ RATE, KEPT, EFFORT, CODEC, NEURAL, LIMITS, BATCH = (OptionGroup(name, help=text)
 }.items())
 COARSE = 3.5  # texels along a voxel edge from which on coarse voxels show; of 20 assets at K 1024 two are above, both below 28 dB
 
-# Peak for a scan of 100,000 faces: fast 528 MB, balanced 688, best 658; for an image of 4096 texels a side 397, 397 and 403.
-_LESS_MEMORY = {"fast": ", which takes least"} | dict.fromkeys(("balanced", "best"), "; effort fast takes up to a quarter less")
+# Peak for a scan of 100,000 faces: fast 528 MB, balanced 688; for an image of 4096 texels a side 397 and 397.
+_LESS_MEMORY = {"fast": ", which takes least", "balanced": "; effort fast takes up to a quarter less"}
 
 
 def _warm_up(context, parameter, value):

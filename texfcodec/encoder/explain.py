@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 VIEWS, SIZE = 8, 384  # of the pictures in daylight: a source's three or four and each stream's take less than an encode
 ENCODES = 6  # seconds for neighbours where none are given, in encodes of what was asked for
-SECONDS = {"fast": 0.6, "balanced": 1.0, "best": 1.5}  # of an effort over those of balanced, about
+SECONDS = {"fast": 0.6, "balanced": 1.0}  # of an effort over those of balanced, about
 CURVE = (-4, 4, 12)  # QPs from that of the stream, for the curve that bytes at equal quality are read from
 QP_STEP, BITS_STEP = 4, 2
 K_STEP = 1.5
@@ -74,8 +74,8 @@ def neighbours_of(options: EncodeOptions, encoded: Encoded) -> Iterator[Neighbou
     neighbouring rates, and settings one step away."""
     codec = codec_of(options.codec)
     if not codec.joint:
-        for effort in sorted(EFFORTS, key=lambda name: abs(EFFORTS.index(name) - EFFORTS.index(options.effort)))[1:]:
-            yield Neighbour({"effort": effort}, SECONDS[effort] / SECONDS[options.effort])
+        yield from (Neighbour({"effort": effort}, SECONDS[effort] / SECONDS[options.effort])
+                    for effort in EFFORTS if effort != options.effort)
         yield from _rates(options, encoded)
         fitted = encoded.choices.get("refinement", {}).get("kind", "off") != "off"
         if options.max_error is None and (fitted or options.refine == "off"):

@@ -23,11 +23,10 @@ if TYPE_CHECKING:
     from ...field.voxels import VoxelSupport
     from .raht_options import RahtOptions
 
-EFFORTS = {"fast": Tools(component_cross=16), "balanced": Tools(colour_range=5, models=8, filters=1, component_cross=16),
-           "best": Tools(colour_range=5, models=8, filters=3, component_cross=16)}
+EFFORTS = {"fast": Tools(component_cross=16), "balanced": Tools(colour_range=5, models=8, filters=1, component_cross=16)}
 # Kernel and colour range, from natural textures to flat colours; fast has no time for colour ranges
-_WITH_RANGES = ((KERNELS[1], 10), (KERNELS[1], 5), (KERNELS[2], 5), (KERNELS[3], 3))
-PREDICTIONS = {"fast": ((KERNELS[1], 0), (KERNELS[3], 0)), "balanced": _WITH_RANGES, "best": _WITH_RANGES}
+PREDICTIONS = {"fast": ((KERNELS[1], 0), (KERNELS[3], 0)),
+               "balanced": ((KERNELS[1], 10), (KERNELS[1], 5), (KERNELS[2], 5), (KERNELS[3], 3))}
 PLANAR_TOOLS: dict[str, Any] = {"planar": 1, "planar_transform": 1, "trade_off": 0.08}
 FOLLOW_LESS: dict[str, Any] = {"component_cross": 10}
 PLAIN_TRANSFORM: dict[str, Any] = {"planar_transform": 0}
@@ -42,7 +41,7 @@ DCT_BASE_QPS = (0, 4, 8, 12, 16)  # where there are DCT blocks, which say nearly
 USUAL_BASE_QP = 28  # within 1 % of the best of them on four assets at K 512, lossless
 PIECES = 4
 LEAST_VOXELS = 64  # below, nothing is tried
-PIECE_VOXELS = {"fast": 1 << 11, "balanced": 1 << 13, "best": 1 << 16}  # per piece; 1 << 12 is 0.4 % worse, 3 % faster
+PIECE_VOXELS = {"fast": 1 << 11, "balanced": 1 << 13}  # per piece; 1 << 12 is 0.4 % worse, 3 % faster
 LEAST_PIECE, PIECE_SHARE = 1 << 11, 8  # voxels per piece of a small field, and the part of it that a piece is
 
 
@@ -65,9 +64,8 @@ class _Piece(NamedTuple):
 
 def _pieces(keys, depth, effort, planar):
     """Return _Pieces of consecutive voxels in Morton order, spread evenly; the whole field if it is small."""
-    count, voxels = len(keys), PIECE_VOXELS[effort]
-    if effort != "best":
-        voxels = min(voxels, max(LEAST_PIECE, count // PIECE_SHARE))
+    count = len(keys)
+    voxels = min(PIECE_VOXELS[effort], max(LEAST_PIECE, count // PIECE_SHARE))
     if count <= PIECES * voxels:
         return [_Piece(slice(0, count), Octree(keys, depth, planar))]
     return [_piece(keys, slice(begin, begin + voxels), planar) for begin in np.linspace(0, count - voxels, PIECES).astype(int)]

@@ -58,8 +58,8 @@ SHARES = tuple(2 ** (-number / 2) for number in range(11))  # of the source's fa
 SAME_UV = 1e-5  # differences from which on an edge is a seam
 LARGE = 1 << 18  # faces: from here on fits and the tree of nearest points, 300 and 200 bytes a face, are computed when needed
 FEWEST = 256  # faces: fewer take too few bytes to bother
-TRIALS = {"fast": 3, "balanced": 5, "best": 10}  # by effort, that at the usual bits among them
-VIEWS = {"fast": 8, "balanced": 16, "best": 16}  # pictures of the whole, by effort
+TRIALS = {"fast": 3, "balanced": 5}  # by effort, that at the usual bits among them
+VIEWS = {"fast": 8, "balanced": 16}  # pictures of the whole, by effort
 EAGER = 0.85  # of the error that is reckoned: what is hoped for where nothing was looked at
 # Of the error of colours: what the mesh may add, where colours take next to nothing and bytes would buy any error. The best
 # points of three scans have 0.5 to 1.2 times as much.

@@ -21,7 +21,7 @@ from ..values.map_planes import map_names
 if TYPE_CHECKING:
     from ...scene.scene import Scene
 
-VIEWS, SIZES = 4, {"fast": 96, "balanced": 256, "best": 256}  # sides of the pictures by effort
+VIEWS, SIZES = 4, {"fast": 96, "balanced": 256}  # sides of the pictures by effort
 NOISE = 6.0  # levels of 255; 1.5 and 3 give the same weights but for the helmet's normals, 10.0 at 6 and 11.7 at 1.5
 USUAL_GAIN = 0.34  # of base colour: squared error of the picture over that of the values; 0.03 to 0.49 on seven assets
 LEAST, MOST = 0.01, 16.0  # weights: between them are 32 QP

@@ -63,7 +63,7 @@ TIMED_QP, RUNS, WARM_POINTS = 28, 3, 1 << 12
 AVIF_QUALITIES = (5, 10, 20, 30, 40, 50, 60, 70, 80, 88, 94)
 MEASURES = {"bd_y": "psnr_y", "bd_yuv611": "psnr_yuv611", "bd_rgb": "psnr_rgb", "bd_y_area": "psnr_y_area"}
 SPEEDS = "enc_mpts", "dec_mpts"
-AS_VOXELS = {"planar": 0, "planar_transform": 0, "component_cross": 0, "dct_blocks": 0, "trade_off": EFFORTS["best"].trade_off}
+AS_VOXELS = {"planar": 0, "planar_transform": 0, "component_cross": 0, "dct_blocks": 0, "trade_off": EFFORTS["fast"].trade_off}
 COMPLETE, CHOICE_OFF = "complete set", "kernel choice off"
 CLOUD_CHANGES = {
     COMPLETE: {}, "mixing off": {"models": 0}, "2 models": {"models": 2}, "4 models": {"models": 4}, "6 models": {"models": 6},

@@ -26,7 +26,7 @@ CONDITIONS.toml (see tools/conditions/):
     group = "{effort}"                                # optional (the method): settings that form one curve
     method = "texf"                                   # optional
     assets = ["sample"]                               # optional: for these only
-    effort = ["fast", "best"]                         # the rest goes to the method; a list makes a setting of each value, two
+    effort = ["fast", "balanced"]                     # the rest goes to the method; a list makes a setting of each value, two
     rate = ["r01", "r02"]                             # lists one of each pair, and {NAME} stands for the value
 
 A job is one asset at one setting in DIR/ASSET/SETTING: job.json (what was asked for, by which code), the method's own files

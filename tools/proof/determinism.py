@@ -44,7 +44,7 @@ NO_AVX2 = {"NUMBA_CPU_NAME": "generic", "OPENBLAS_CORETYPE": "Nehalem",
 # The twelve assets: many kinds of source, and each by another way of the encoder, at a size that takes seconds.
 ASSETS = {
     "avocado": {"rate": "r01"},
-    "bball_0001_vcolor": {"resolution": 256, "qp": 24, "effort": "best"},
+    "bball_0001_vcolor": {"resolution": 256, "qp": 24},
     "cat_webp": {"support": "texels", "texel_size": 512, "rate": "r02"},
     "chess_board": {"resolution": 256, "qp": 30},
     "clearcoat_blend": {"resolution": 192, "qp": 28, "effects": "all"},

@@ -308,12 +308,12 @@ def _well_inside(place, cell, cells):
     return inner if len(inner) > LEAST_POINTS else np.flatnonzero(there)
 
 
-def probe_texels(region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int) -> Probe:
-    """Return the Probe of the texels of a TexelPlan in sampled cells (squares). keys: int64 [N], Morton keys of the texels that
-    the plan covers; cell: log2 of a square's side in texels."""
+def probe_texels(region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int, most: int = TEXEL_CELLS) -> Probe:
+    """Return the Probe of the texels of a TexelPlan in up to `most` sampled cells (squares). keys: int64 [N], Morton keys of the
+    texels that the plan covers; cell: log2 of a square's side in texels."""
     texel = np.einsum("nc,ncd->nd", region.bary, plan.group.uv[region.face]) * np.array(plan.size) / plan.group.size
     place = np.column_stack([_wrapped(texel[:, i], plan.size[i], plan.group.wrap[i]) for i in range(2)])
-    sample = _sampled_cells(region, place.astype(np.int64), cell, TEXEL_CELLS, keys)
+    sample = _sampled_cells(region, place.astype(np.int64), cell, most, keys)
     cells, inside = sample.keys, _within(keys, sample.keys, cell)
     support = TexelSupport(keys=inside, width=plan.size[0], height=plan.size[1], wrap=plan.group.wrap, fraction_bits=0)
     chosen = _well_inside(place, cell, cells)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...geometry.areas import face_areas
 from ...scene.channels import BASE_COLOUR
-from ..price import FINEST, Lagrangian
+from ..price import COARSEST, FINEST, Lagrangian
 from .probe import APART, Probe, SampleRegion, TrialCoding, probe_texels, probe_voxels
 from .reference_density import REFERENCE_K
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 MOST_SHORT, AIMED_SHORT = 4.0, 3.0  # dB under the QP's promise: of base colour at most, and what trials, a dB off, aim at
 MOST_COARSER = 9  # offset that slopes may ask for
 MOST_TURNS = 2  # codings of a trial beyond the first, where slopes point too far away
+MANY_CELLS = 96  # squares that have to show that a QP far above the rate's is fine enough; 24 were 5 dB off on a chess board
 SURE = 0.88  # of the cost without, from which on they are followed
 
 
@@ -67,8 +68,12 @@ class Trials:
     def texels(self, region: SampleRegion, plan: TexelPlan, keys: np.ndarray, cell: int, most: float = math.inf) \
             -> TrialCoding | None:
         """Return the TrialCoding of a TexelPlan at the QP of least cost, coded in squares with a side of 2**cell texels; None if
-        it is certain to cost `most` bytes. keys: int64 [N], Morton keys of the texels that the plan covers."""
-        return self._settled(probe_texels(region, plan, keys, cell), region, len(keys), most)
+        it is certain to cost `most` bytes. keys: int64 [N], Morton keys of the texels that the plan covers. A QP far above the
+        rate's has to hold in more squares, because a few may have missed the detail."""
+        trial = self._settled(probe_texels(region, plan, keys, cell), region, len(keys), most)
+        if trial is None or trial.qp_offset <= COARSEST:
+            return trial
+        return self._settled(probe_texels(region, plan, keys, cell, MANY_CELLS), region, len(keys), most)
 
     def voxels(self, region: SampleRegion, resolution: int, cell: int) -> TrialCoding:
         """Return the TrialCoding of a region's voxels at a resolution K and the QP of least cost, coded in cubes with a side of

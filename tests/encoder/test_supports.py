@@ -16,6 +16,7 @@ from texfcodec.encoder.prepare.uniform_colour import material_colours
 from texfcodec.encoder.requests import Requests
 from texfcodec.encoder.stages import Prepared
 from texfcodec.encoder.supports import choice as supports
+from texfcodec.encoder.supports import trial
 from texfcodec.encoder.supports.choice import FINER_COST, choose_supports
 from texfcodec.encoder.supports.image_groups import image_groups
 from texfcodec.encoder.supports.texel_plan import TexelPlan
@@ -381,3 +382,13 @@ def test_images_that_stay_over_voxels_count_by_their_texels_together(monkeypatch
     monkeypatch.setattr("texfcodec.encoder.supports.choice._Choice._decided", lambda self, one, patch: replace(one, goes=False))
     chosen(scene)
     assert weights and max(weights) == pytest.approx(1.0)
+
+
+def test_a_qp_far_above_the_rates_has_to_hold_in_more_squares(monkeypatch):
+    squares = []
+    monkeypatch.setattr(trial, "probe_texels", lambda *given: squares.append(given[4:]))
+    for offset, probes in ((3, [()]), (4, [(), (trial.MANY_CELLS,)])):
+        squares.clear()
+        monkeypatch.setattr(Trials, "_settled", lambda *_, offset=offset: SimpleNamespace(qp_offset=offset))
+        assert Trials(None, None, None, None).texels(None, None, np.arange(3), 6).qp_offset == offset
+        assert squares == probes

@@ -276,7 +276,7 @@ def sentences(means):
         return "Ours is not measured."
     shown = plotted(means)
     worse = [rung for rung, cell in shown.items() if rung[0] != "ours" and cell.encode > ours.encode * (1 + NOISE)]
-    slower, fronts = (", ".join(f"{TOOLS[rung[0]][0]} {rung[1]}" for rung in rungs)
+    slower, fronts = ("; ".join(f"{TOOLS[rung[0]][0]} {rung[1]}" for rung in rungs)
                       for rungs in (worse, front(shown, "encode")))
     return (f"At balanced, ours takes {ours.percent:.0f} % of the bytes of AVIF at speed 6, {ours.encode / base.encode:.1f} "
             f"times its seconds to encode and {ours.decode / base.decode:.0f} times to decode. Slower to encode than ours: "

@@ -125,8 +125,8 @@ def _guarded(command, arguments, console):
         return console.fail(interrupts.CODE, interrupts.message(), EXIT_INTERRUPTED)
     except BrokenPipeError:
         return EXIT_IO
-    except MemoryError:
-        return console.fail("TXF-L09", "there is not enough memory", EXIT_LIMIT)
+    except MemoryError as error:
+        return console.fail("TXF-L09", "there is not enough memory" + getattr(error, "advice", ""), EXIT_LIMIT)
     except Exception as error:
         if os.environ.get(TRACEBACK, "0") not in ("", "0"):
             raise

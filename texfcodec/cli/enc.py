@@ -9,7 +9,7 @@ from ..api import encode_loaded, refuse_losses
 from ..codecs import codec_of
 from ..codecs.base import JointCodec
 from ..core.colour_error import in_decibels
-from ..errors import InputError, LimitError
+from ..errors import InputError
 from ..io.formats import SUFFIXES
 from ..options import DEFAULT_CODEC, EncodeOptions, strange_options
 from ..precompile import ENCODING, warm_up
@@ -179,8 +179,8 @@ def _encode(scene, options, report, out, explained=None):
     try:
         encoded = encode_loaded(scene, options, report)
     except MemoryError as error:
-        effort = options.effort
-        raise LimitError("TXF-L09", f"there is not enough memory at effort {effort}{_LESS_MEMORY[effort]}") from error
+        error.advice = f" at effort {options.effort}{_LESS_MEMORY[options.effort]}"  # type: ignore[attr-defined]
+        raise
     more = {} if explained is None else {"explained": _explain(scene, options, encoded, report, explained)}
     facts = {**_sizes(scene, len(encoded.data)), **stream_facts(encoded, options), **more}
     write_output(out, encoded.data, scene.files)  # the last that may fail

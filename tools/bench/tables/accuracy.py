@@ -289,10 +289,12 @@ def page(args):
     cells = cells_of([row for row in every if "bytes" in row])
     means, knobs = means_of(cells), [row for row in every if "explained" in row]
     lines = ["# What accuracy costs in time", "", sentences(means), ""]
+    panels = []
     if draw(cells, means, args.out.parent / "pictures"):
+        panels = ["![the same, an asset a panel](pictures/accuracy_time_assets.png)", ""]
         lines += ["![bytes at equal PSNR against seconds, in the mean](pictures/accuracy_time.png)", ""]
     lines += [f"Made by `make -C tools accuracy` {made_on()}, from rows of tools/bench/ladders.py. {NOTE}"]
-    lines += ["", ABSENT, "", "## By asset", "", "![the same, an asset a panel](pictures/accuracy_time_assets.png)", "",
-              *asset_lines(cells), "", "## All rungs, in the mean", "", "In bold: on the front.", "", *mean_lines(means), ""]
+    lines += ["", ABSENT, "", "## By asset", "", *panels, *asset_lines(cells), ""]
+    lines += ["## All rungs, in the mean", "", "In bold: on the front.", "", *mean_lines(means), ""]
     lines += ["## Whole programs", "", *program_lines(cells), "", "## Two threads", "", *thread_lines(cells), ""]
     return [*lines, *(["## Settings one step away", "", KNOBS, "", *knob_lines(knobs)] if knobs else [])]

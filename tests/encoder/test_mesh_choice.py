@@ -88,7 +88,7 @@ def test_more_bits_are_taken_by_what_is_seen_at_each(monkeypatch):
     assert finer.cube.position_bits == 17
 
 
-def test_a_fourth_of_the_pixels_tells_the_error_of_a_moved_surface(monkeypatch):
+def test_a_few_of_the_pixels_tell_the_error_of_a_moved_surface(monkeypatch):
     """Two layers close to each other, so that some pixels show another face on a coarse lattice: those all count."""
     low, high = bowl(16), bowl(16)
     faces = np.concatenate([low.faces, high.faces + len(low.positions)])

@@ -52,14 +52,12 @@ if TYPE_CHECKING:
 BYTES_A_BIT, LEAST_A_BIT = 3 / 8, 1 / 8  # of a vertex, for each bit of its three coordinates; in rows and planes
 COARSEST_POSITIONS = 10  # bits: from here down small faces of dense scans fall together
 MOST_A_BIT = 4.0  # times that a bit lessens an error at most; where layers lie close, which one is seen is a matter of luck
-USUAL_A_BIT = 2.8  # times that it usually does: effort fast takes no picture of the finer ones
 REFERENCE_BITS = 12  # bits of the lattice that the others' error is reckoned from
 SHARES = tuple(2 ** (-number / 2) for number in range(11))  # of the source's faces; a point 25 % off costs 1 to 2 % of the bytes
 SAME_UV = 1e-5  # differences from which on an edge is a seam
 LARGE = 1 << 18  # faces: from here on fits and the tree of nearest points, 300 and 200 bytes a face, are computed when needed
 FEWEST = 256  # faces: fewer take too few bytes to bother
 TRIALS = {"fast": 3, "balanced": 5}  # by effort, that at the usual bits among them
-VIEWS = {"fast": 8, "balanced": 16}  # pictures of the whole, by effort
 EAGER = 0.85  # of the error that is reckoned: what is hoped for where nothing was looked at
 # Of the error of colours: what the mesh may add, where colours take next to nothing and bytes would buy any error. The best
 # points of three scans have 0.5 to 1.2 times as much.
@@ -158,7 +156,7 @@ class MeshChoice:
     def pictures(self) -> PictureComparison:
         """Pictures of the source, and of it on other surfaces."""
         return self.cache.get("pictures", lambda: PictureComparison(
-            self.scene, self.usual, shown_of_radians(self.scene.weights), self.price.threads, VIEWS[self.request.effort]))
+            self.scene, self.usual, shown_of_radians(self.scene.weights), self.price.threads))
 
     def picture_error(self, surface: SourceSurface) -> PictureError:
         """Return the PictureError of the source on another lattice, the visible error of its rounded positions."""
@@ -172,13 +170,12 @@ class MeshChoice:
         usual, error, best = self.usual.cube.position_bits, self.picture_error(self.usual).error, self.usual
         if self.price.cost(LEAST_A_BIT * _count_used(self.usual), error / MOST_A_BIT) >= self.price.cost(0, error):
             return self.usual
-        least, seen, is_fast = self.price.cost(_geometry_bytes(best), error), usual, self.request.effort == "fast"
+        least, seen = self.price.cost(_geometry_bytes(best), error), usual
         for bits in range(usual + 1, FINEST_POSITIONS + 1):
-            hoped = error / (USUAL_A_BIT if is_fast else MOST_A_BIT) ** (bits - seen)
-            surface = self._on_lattice(bits)
+            surface, hoped = self._on_lattice(bits), error / MOST_A_BIT ** (bits - seen)
             size = _geometry_bytes(surface)
             if self.price.cost(size, hoped) < least:
-                own = hoped if is_fast else self.picture_error(surface).error
+                own = self.picture_error(surface).error
                 error, seen = min((error, seen), (own, bits), key=lambda known: known[0] * MOST_A_BIT ** known[1])
                 cost = self.price.cost(size, own)
                 best, least = (surface, cost) if cost < least else (best, least)

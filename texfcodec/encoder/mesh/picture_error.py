@@ -37,10 +37,10 @@ if TYPE_CHECKING:
     from ...scene.scene import Scene
     from ..faces import SentSurface, SourceFaces, SourceSurface
 
-SIZE = 256
-# Pixels of which one is compared: where a moved surface shows the same face, and between other faces. The sides of pictures are
-# no multiples, so that the pixels are spread in rows and columns.
-EVERY, EVERY_OTHER = 13, 7
+VIEWS, SIZE = 16, 256
+# Pixels of which one is compared: where a moved surface shows the same face, that of small parts, and between other faces. The
+# sides of pictures are no multiples, so that the pixels are spread in rows and columns.
+EVERY, PART_EVERY, EVERY_OTHER = 13, 5, 7
 LOST_ERROR = 100.0**2  # of a pixel of which the background is seen, or that covers it
 OUTLINE = 0.04  # weight of pixels at the outline whose neighbours hide that: a viewer sees the line, not against what it moves
 PART_VIEWS, PART_SIZE = 4, 192  # pictures of small parts alone
@@ -102,10 +102,11 @@ class _View:
         if self.fragments is None:
             return [picture.colour[rows] for picture in self._pictures]
         new = rows[~self._is_coloured[rows]]
-        for colour, picture in zip(self._colours, colour_fragments(self._camera, self.fragments.rows(new), self._lights,
-                                                                   self._source), strict=True):
-            colour[new] = picture.colour
-        self._is_coloured[new] = True
+        if len(new):
+            pictures = colour_fragments(self._camera, self.fragments.rows(new), self._lights, self._source)
+            for colour, picture in zip(self._colours, pictures, strict=True):
+                colour[new] = picture.colour
+            self._is_coloured[new] = True
         return [colour[rows] for colour in self._colours]
 
 
@@ -121,16 +122,16 @@ class _Shot(NamedTuple):
 class PictureComparison:
     """Comparison of pictures of a Scene with pictures of its moved surface. The source is rendered once, and small parts of it
     alone, in close-up. usual: the scene on its lattice; shown: squared error of pictures by a squared radian of its shading
-    normals; views: pictures of the whole."""
+    normals."""
 
-    def __init__(self, scene: Scene, usual: SourceSurface, shown: float, threads: int, views: int = 16) -> None:
+    def __init__(self, scene: Scene, usual: SourceSurface, shown: float, threads: int) -> None:
         self.shown, self.threads = shown, threads
         self.scene = replace(scene, materials=[replace(m, double_sided=False) for m in scene.materials])
         self.lit = not all(material.unlit for material in scene.materials)
         if self.lit:
             self.scene = _with_tangents(self.scene)
         self._source, self._table = pack_source(self.scene), ShadingTable(self.scene.materials)
-        self._shots = [self._shot(None, views, SIZE)]
+        self._shots = [self._shot(None, VIEWS, SIZE)]
         parts = [_of_source(usual, part, len(scene.faces)) for part in small_parts(usual)]
         self._shots += [self._shot(part, PART_VIEWS, PART_SIZE) for part in parts]
 
@@ -176,9 +177,14 @@ class PictureComparison:
     def _moved(self, views, surface, normals, wanted, same_faces):
         """Return the PictureError of views and of a Surface's normals. views: function that renders a _Shot; wanted: correct
         normals, None without any; same_faces: whether the surface's faces have the numbers of the source's."""
-        whole, *parts = (_compared(shot.views, views(shot), same_faces, self.threads) for shot in self._shots)
+        whole, *parts = (_compared(shot.views, views(shot), self._every(shot, same_faces), self.threads) for shot in self._shots)
         turned = self.shown * _turned(surface, normals, wanted) if wanted is not None else 0.0
         return replace(whole, mse=whole.mse + turned, of_parts=tuple(parts))
+
+    def _every(self, shot, same_faces):
+        """Return (pixels of which one is compared; whether all pixels count that show another face)."""
+        every = EVERY if shot.faces is None else PART_EVERY
+        return (every, True) if same_faces else (min(every, EVERY_OTHER), False)
 
     def normals_of(self, surface: Surface) -> np.ndarray:
         """Return the normals that follow from a surface's positions, at the corners of its faces, float32 [F, 3, 3]: face
@@ -218,12 +224,12 @@ def _of_source(surface, part, count):
     return shown
 
 
-def _compared(views, others, same_faces, threads):
-    """Return the PictureError of two lists of _Views, without normals. views: of the source; same_faces: as of _moved()."""
+def _compared(views, others, every, threads):
+    """Return the PictureError of two lists of _Views, without normals. views: of the source; every: of _every()."""
     silhouette, lost, shown = np.sum([_uncovered(a.covered, b.covered) for a, b in zip(views, others, strict=True)], axis=0)
 
     def colours(pair):
-        rows, weight = _matched(pair[0], pair[1], same_faces)
+        rows, weight = _matched(pair[0], pair[1], *every)
         return [view.colours(own) for view, own in zip(pair, rows, strict=True)], weight
 
     pairs, errors = list(zip(views, others, strict=True)), dict[int, ColourError]()
@@ -234,18 +240,18 @@ def _compared(views, others, same_faces, threads):
     return PictureError(mse, silhouette / max(shown, 1), lost / max(shown, 1))
 
 
-def _matched(view, other, same_faces):
+def _matched(view, other, every, with_changed):
     """Return ((rows of a _View's pixels, those of another's), both int64 [n]; pixels that each stands for, float64 [n], None for
-    equally many) of pixels to compare: if same_faces, those that show another face, and one of EVERY other."""
+    equally many) of pixels to compare: one of `every`, and if with_changed all that show another face."""
     pixel, *rows = np.intersect1d(view.pixel, other.pixel, assume_unique=True, return_indices=True)
     if view.fragments is None:
         return rows, None
-    if not same_faces:
-        some = pixel % EVERY_OTHER == 0
+    some = pixel % every == 0
+    if not with_changed:
         return [own[some] for own in rows], None
     changed = view.fragments.face[rows[0]] != other.fragments.face[rows[1]]
-    some = changed | (pixel % EVERY == 0)
-    return [own[some] for own in rows], np.where(changed, 1.0, EVERY)[some]
+    some |= changed
+    return [own[some] for own in rows], np.where(changed, 1.0, every)[some]
 
 
 def _turned(surface, normals, wanted):

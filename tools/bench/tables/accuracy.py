@@ -29,7 +29,7 @@ KNOBS = (
     "processor seconds in units of ours, its bytes at equal PSNR in daylight, and how often which verdict. What stays "
     "although a column may speak for it: position bits (12 cost the fish 22 % more bytes in light, and the encoder takes more "
     "than 14 where pictures show it); partition, K and refinement, which the encoder chooses by asset and pays for finding "
-    "out. Samples an edge before a surface fit, 3 before, are 2 now.")
+    "out; three samples an edge before a surface fit, where two save the player 0.7 % and cost house_mask over voxels 12 %.")
 ABSENT = (
     "Not here: UVAtlas, which takes 100 to 1,700 s; toktx (KTX2 is coded by Basis Universal's encoder, as a library); images "
     "by gltfpack, whose build for npm codes none. HEVC over new UVs (xatlas) and TMC13 over our voxels code base colours "
@@ -74,7 +74,7 @@ class Curve:
         self.psnr, self.logs = [row["psnr"] for row in rows], np.array([logs_of(row) for row in rows])
 
     def reaches(self, psnr):
-        """Whether the points come within REACH of a PSNR."""
+        """Return whether the points come within REACH of a PSNR."""
         return self.psnr[0] - REACH <= psnr <= self.psnr[-1] + REACH
 
     def at(self, psnr):

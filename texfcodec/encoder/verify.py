@@ -93,20 +93,31 @@ def encode_checked(scene: Scene, options: EncodeOptions, report: Report) -> Enco
     checked = check(scene, encoded, options, kept, time.perf_counter() - begin)
     missed = misses(checked)
     if missed and _may_be_finer(encoded, missed, options, scene):
-        second = Report(report.on_progress)
-        if _needs_no_other_support(encoded, missed):
-            second.take_sentences(kept)
-            again = _coded_at_no_offset(filled, missed, options, second, encoder.caches.units)
-        else:
-            again = _coded_finer(encoder, missed, options, second)
-        if again and _is_better(again.check, checked) and len(again.data) <= _most_bytes(encoded, missed, scene):
-            second.remarks.append(f"{_named(missed)} and was coded again at higher quality, in {len(again.data)} bytes instead "
-                                  f"of {len(encoded.data)}")
-            encoded, checked, kept, second = again, again.check, second, kept
-        report.take_seconds(second)
+        most = _most_bytes(encoded, missed, scene)
+        for again, second in _tries(encoder, filled, encoded, options, kept):
+            is_better = again is not None and len(again.data) <= most and _is_better(again.check, checked)
+            if is_better:
+                second.remarks.append(f"{_named(missed)} and was coded again at higher quality, in {len(again.data)} bytes "
+                                      f"instead of {len(encoded.data)}")
+                encoded, checked, kept, second = again, again.check, second, kept
+            report.take_seconds(second)
+            if is_better or (again is not None and len(again.data) > most):
+                break
     report.take(kept)
     report.warnings += warnings_of(checked, options)
     return encoded
+
+
+def _tries(encoder, filled, first, options, kept):
+    """Yield (checked Encoded with finer values of the missed parts, or None; its Report): of the first one's fields where their
+    QP may be all that is too coarse, then of finer supports. filled, kept: Filled and Report of the first."""
+    missed = misses(first.check)
+    if _needs_no_other_support(first, missed):
+        report = Report(kept.on_progress)
+        report.take_sentences(kept)
+        yield _coded_at_no_offset(filled, missed, options, report, encoder.caches.units), report
+    report = Report(kept.on_progress)
+    yield _coded_finer(encoder, missed, options, report), report
 
 
 def _no_larger(scene, encoded, options, report):

@@ -198,7 +198,6 @@ def test_a_smaller_image_is_closer_than_one_with_texels_left_out():
     assert ours > theirs + 2
 
 
-@pytest.mark.slow
 def test_a_smaller_image_around_a_few_texels_is_nearly_that_of_the_whole():
     scene = wall(smooth_image(256, 256))
     surface = make_surface(scene, EncodeOptions())
@@ -210,6 +209,7 @@ def test_a_smaller_image_around_a_few_texels_is_nearly_that_of_the_whole():
     assert 0 < np.abs(near - whole).max() < 0.3 * np.abs(mean - whole).max()
 
 
+@pytest.mark.slow
 def test_sides_keep_their_ratio_and_no_image_grows():
     scene = wall(smooth_image(96, 24))
     sizes = {size: chosen(scene, support="texels", texel_size=size).plans[0].size for size in (1, 12, 48, 500)}

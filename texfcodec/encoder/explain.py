@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 VIEWS, SIZE = 8, 384  # of the pictures in daylight: a source's three or four and each stream's take less than an encode
 ENCODES = 6  # seconds for neighbours where none are given, in encodes of what was asked for
-SECONDS = {"fast": 0.6, "balanced": 1.0}  # of an effort over those of balanced, about
+SECONDS = {"fast": 0.7, "balanced": 1.0}  # of an effort over those of balanced, about
 CURVE = (-4, 4, 12)  # QPs from that of the stream, for the curve that bytes at equal quality are read from
 QP_STEP, BITS_STEP = 4, 2
 K_STEP = 1.5
@@ -51,7 +51,7 @@ class Neighbour:
 
     @property
     def is_rate(self) -> bool:
-        """Whether the change is another point of the rate curve, which no setting at this rate stands against."""
+        """True if the change is another point of the rate curve, which no setting at this rate is compared with."""
         return self.change.keys() <= {"rate", "qp"}
 
 
@@ -97,7 +97,7 @@ def neighbours_of(options: EncodeOptions, encoded: Encoded) -> Iterator[Neighbou
 
 
 def _rates(options, encoded):
-    """The next rates, or QPs of a request that names one."""
+    """Yield the Neighbours at the next rates, or at the next QPs if the request names one."""
     at, rates = list(RATES).index(options.rate), list(RATES)
     if options.max_error is None and options.given["qp"] is None:
         yield from (Neighbour({"rate": rate}) for rate in rates[max(at - 1, 0) : at + 2] if rate != options.rate)

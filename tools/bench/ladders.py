@@ -53,8 +53,7 @@ SCAN = "bball_0001"
 
 
 class Rung(NamedTuple):
-    """An effort of a tool. points: rates or qualities; most: million texels of an
-    asset above which it would take minutes."""
+    """An effort of a tool. points: rates or qualities; most: million texels of an asset above which it would take minutes."""
 
     tool: str
     effort: object
@@ -166,7 +165,7 @@ def by_images(asset, tool, effort, point, threads):
 
 
 def by_us(asset, _, effort, point, threads):
-    """As by_images(), by our encoder."""
+    """Code the asset with our encoder; return what by_images() returns."""
     options = texfcodec.EncodeOptions(rate=point, effort=effort, threads=threads)
     encoded, encode = timed(texfcodec.encode, asset.scene, options)
     texf, decode = timed(texfcodec.decode, encoded, texfcodec.DecodeOptions(threads=threads))
@@ -174,7 +173,7 @@ def by_us(asset, _, effort, point, threads):
 
 
 def by_tmc13(asset, _, effort, point, threads):
-    """As by_images(), by TMC13 on our voxels."""
+    """Code our voxels of the asset with TMC13; return what by_images() returns."""
     method, options, report = find("external"), {"qp": point, "transform": effort}, Report()
     if sentence := "voxels of base colours are for the scan" if asset.name != SCAN else method.missing(options):
         raise LookupError(sentence)
@@ -184,7 +183,7 @@ def by_tmc13(asset, _, effort, point, threads):
 
 
 def by_program(asset, tool, effort, point, _):
-    """As by_images(), by a program of PROGRAMS on the source's file."""
+    """Code the source's file with a program of PROGRAMS; return what by_images() returns."""
     out = asset.folder / ("out.texf" if tool == "texf-enc" else "out.glb")
     words = shlex.split(os.environ.get("TEXFCODEC_" + tool.upper().replace("-", "_"), "")) or [shutil.which(tool)]
     commands = {

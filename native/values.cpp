@@ -7,7 +7,33 @@ namespace {
 constexpr u32 NONE = 0xffffffff;
 // Called by itself: engines of WebAssembly begin with slow code and take better code at the next call, never in the middle of one.
 #define TEXF_OFTEN __attribute__((noinline))
+// Of vectors: compiled twice where the loader chooses by the processor.
+#if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define TEXF_VECTORS __attribute__((noinline, target_clones("avx2", "default")))
+#else
+#define TEXF_VECTORS TEXF_OFTEN
+#endif
+#define TEXF_INLINE inline __attribute__((always_inline))  // vectors are not passed between code for different processors
 constexpr i64 LARGEST = 1 << 22;
+
+#if defined(__wasm__)
+constexpr int LANES = 4;
+#else
+constexpr int LANES = 8;
+#endif
+typedef i32 Lanes __attribute__((vector_size(4 * LANES)));
+typedef i32 Four __attribute__((vector_size(16)));
+
+template <typename V>
+TEXF_INLINE V loaded(const i32* from) {
+  V v;
+  memcpy(&v, from, sizeof v);
+  return v;
+}
+template <typename V>
+TEXF_INLINE V absolute(V v) { return v < 0 ? -v : v; }
+template <typename V>
+TEXF_INLINE V least(V a, V b) { return a < b ? a : b; }
 
 // ---- Small functions and tables of clause 7
 
@@ -146,6 +172,7 @@ struct SliceState {  // what a range is decoded with
 struct Level {
   std::vector<u32> first_child, parent, weight;
   std::vector<u8> children;          // a bit for every octant
+  std::vector<u8> cell;              // of texels alone: 8 * y + x in the square of 8 x 8
   std::vector<u32> rows;             // neighbours of every node, once they are asked for
   // of the attribute that is decoded
   std::vector<u8> energy;            // two planes
@@ -175,11 +202,8 @@ struct Shape {  // what depends on the support alone
   };
   Direction direction[27];
   u8 place[27][8];  // by direction and octant there
-  u64 bit[27][8];   // of the place, 0 outside
   u8 own[8];        // the place of an own child
   int step[27];     // from a place to the one in that direction
-  u64 window[8];    // by own child: all of its rings
-  u64 ring[8][3];   // by own child: the places around it with one, two and three steps to go, over texels with 1, 2 and two in line
 
   explicit Shape(bool planar) : row(planar ? 9 : 27), axes(planar ? 2 : 3), reach(planar ? 2 : 1), side(2 + 2 * reach) {
     const int strides[3] = {1, side, planar ? 0 : side * side};
@@ -222,16 +246,7 @@ struct Shape {  // what depends on the support alone
           to += v * strides[axis];
         }
         place[n][octant] = inside ? u8(to) : 64;
-        bit[n][octant] = inside ? 1ull << to : 0;
       }
-    }
-    for (int octant = 0; octant < 1 << axes; octant++) {
-      std::fill(ring[octant], ring[octant] + 3, 0);
-      for (int n = 0; n < row; n++)
-        if (direction[n].nonzero) ring[octant][direction[n].nonzero - 1] |= 1ull << (own[octant] + step[n]);
-      if (planar)
-        for (int far : {-2, 2, -2 * side, 2 * side}) ring[octant][2] |= 1ull << (own[octant] + far);
-      window[octant] = ring[octant][0] | ring[octant][1] | ring[octant][2];
     }
   }
   int self() const { return row / 2; }
@@ -250,6 +265,8 @@ std::shared_ptr<Octree> octree_of(const std::vector<u64>& keys, int depth, bool 
   std::vector<u64> values = keys;
   levels[depth].parent.resize(keys.size());
   levels[depth].weight.assign(keys.size(), 1);
+  for (size_t n = 0; n < keys.size() && planar; n++)
+    levels[depth].cell.push_back(u8((keys[n] & 1) | (keys[n] >> 2 & 2) | (keys[n] >> 4 & 4) | (keys[n] << 2 & 8) | (keys[n] & 16) | (keys[n] >> 2 & 32)));
   for (int l = depth; l > 0; l--) {
     Level &lower = levels[l], &upper = levels[l - 1];
     std::vector<u64> above;
@@ -814,89 +831,140 @@ class Raht {
   }
 
   void filter(Level& level) const {
-    const Level& upper = levels_[unit_.depth - 1];
+    int across = std::min(unit_.depth, 3);  // levels from a square of texels to them
     for (const FilterStage& stage : unit_.filters) {
-      const i8* taps_of[15] = {};
+      static const i8 none[5] = {};
+      const i8* taps_of[15];
       int taps = unit_.planar ? 5 : 3, set = 0;
       for (int bit = 0; bit < 5 * components_; bit++)
-        if (stage.mask >> bit & 1) taps_of[bit] = &stage.coefficients[taps * set++];
-      std::vector<i32> filtered = level.mean;
-      for (u32 p = 0; p < upper.count(); p++) {
-        if (unit_.planar) filter_children<true>(level, upper, p, taps_of, filtered.data());
-        else filter_children<false>(level, upper, p, taps_of, filtered.data());
+        taps_of[bit] = stage.mask >> bit & 1 ? &stage.coefficients[taps * set++] : none;
+      if (unit_.planar) {
+        const Level& squares = levels_[unit_.depth - across];
+        std::vector<i32> means(squares.count() * 64 * components_, ABSENT);
+        for (size_t s = 0, v = 0; s < squares.count(); s++)
+          for (u32 n = 0; n < squares.weight[s]; n++, v++)
+            for (int c = 0; c < components_; c++) means[(s * components_ + c) * 64 + level.cell[v]] = level.mean[v * components_ + c];
+        u32 first = 0;
+        for (u32 s = 0; s < squares.count(); first += squares.weight[s++]) filter_square(level, squares, s, first, 1 << across, means.data(), taps_of);
+      } else {
+        std::vector<i32> filtered = level.mean;
+        for (u32 p = 0; p < levels_[unit_.depth - 1].count(); p++) filter_children(level, levels_[unit_.depth - 1], p, taps_of, filtered.data());
+        level.mean.swap(filtered);
       }
-      level.mean.swap(filtered);
     }
   }
 
-  template <bool planar>
+  static constexpr i32 ABSENT = 1 << 30;
+  static constexpr int WIDE = 16;  // a row of a square and of what is around it
+
+  // means: of every square, component and cell; `first` texel of square s, which has `side` cells on each axis
+  TEXF_VECTORS void filter_square(Level& level, const Level& squares, u32 s, u32 first, int side, const i32* means, const i8* const* taps_of) const {
+    i32 patch[components_][12 * WIDE + 8], out[components_][64], classes[64];
+    const u32* row = &squares.rows[size_t(s) * shape_.row];
+    bool whole = true;
+    for (int n = 0; n < 9; n++) whole = whole && row[n] != NONE && squares.weight[row[n]] == 64;
+    if (!whole) std::fill(patch[0], patch[0] + components_ * (12 * WIDE + 8), ABSENT);
+    for (int n = 0; n < 9; n++) {
+      if (row[n] == NONE) continue;
+      int dx = n % 3 - 1, dy = n / 3 - 1, x0 = dx < 0 ? side - 2 : 0, y0 = dy < 0 ? side - 2 : 0, width = dx ? 2 : side, height = dy ? 2 : side;
+      for (int c = 0; c < components_; c++)
+        for (int y = y0; y < y0 + height; y++)
+          copy_row(&patch[c][(side * dy + y + 2) * WIDE + side * dx + x0 + 2], &means[(size_t(row[n]) * components_ + c) * 64 + 8 * y + x0], width);
+    }
+    for (int y = 0; y < side; y++)
+      for (int x = 0; x < 8; x += LANES) {
+        if (whole) filter_lanes<true>(&patch[0][(y + 2) * WIDE + x + 2], &out[0][8 * y + x], classes, taps_of);
+        else filter_lanes<false>(&patch[0][(y + 2) * WIDE + x + 2], &out[0][8 * y + x], classes, taps_of);
+      }
+    for (u32 n = 0; n < squares.weight[s]; n++)
+      for (int c = 0; c < components_; c++) level.mean[size_t(first + n) * components_ + c] = out[c][level.cell[first + n]];
+  }
+
+  static void copy_row(i32* to, const i32* from, int width) {
+    if (width == 8) memcpy(to, from, 32);
+    else if (width == 2) memcpy(to, from, 8);
+    else memcpy(to, from, 16);
+  }
+
+  // from: the means of a row's lanes, among those of all components around them; to: of the first component
+  template <bool whole>
+  TEXF_INLINE void filter_lanes(const i32* from, i32* to, i32* classes, const i8* const* taps_of) const {
+    static const int steps[12] = {-1, 1, -WIDE, WIDE, -WIDE - 1, 1 - WIDE, WIDE - 1, WIDE + 1, -2, 2, -2 * WIDE, 2 * WIDE};
+    Lanes own = loaded<Lanes>(from);
+    if (!whole) own &= own < ABSENT;
+    Lanes spread_of = own - own, count = spread_of, class_ = spread_of;
+    auto difference_to = [&](const i32* at, int n) __attribute__((always_inline)) {
+      Lanes near = loaded<Lanes>(at + steps[n]);
+      return whole ? near - own : (near - own) & (near < ABSENT);
+    };
+    for (int n = 0; n < 8; n++) {
+      spread_of += absolute(difference_to(from, n));
+      count -= whole ? Lanes(own - own) - 1 : loaded<Lanes>(from + steps[n]) < ABSENT;
+    }
+    if (!whole) count = count < 1 ? own - own + 1 : count;
+    for (i32 least_of : least_) class_ -= spread_of >= least_of * count;
+    memcpy(classes, &class_, sizeof class_);
+    for (int c = 0; c < components_; c++, from += 12 * WIDE + 8, to += 64) {
+      own = loaded<Lanes>(from);
+      if (!whole) own &= own < ABSENT;
+      i32 limit = i32(step_[c] >> 2), tap[5][LANES];
+      for (int l = 0; l < LANES; l++) {
+        const i8* f = taps_of[classes[l] * components_ + c];
+        for (int r = 0; r < 5; r++) tap[r][l] = f[r];
+      }
+      // 512 * high + low is the sum of taps times sums, of which none fits 32 bits
+      Lanes high = own - own, low = high + 256;
+      auto weigh = [&](int r, Lanes sum) __attribute__((always_inline)) {
+        Lanes f = loaded<Lanes>(tap[r]);
+        high += f * (sum >> 9);
+        low += f * (sum & 511);
+      };
+      for (int r = 0; r < 3; r++) {
+        Lanes sum = own - own, limited = sum;
+        for (int n = 4 * r; n < 4 * r + 4; n++) {
+          Lanes difference = difference_to(from, n);
+          sum += difference;
+          if (r < 2) limited += least<Lanes>(difference < -limit ? sum - sum - limit : difference, sum - sum + limit);
+        }
+        weigh(r, sum);
+        if (r < 2) weigh(3 + r, limited);
+      }
+      Lanes value = own + high + (low >> 9), most = own - own + i32(LARGEST);
+      value = least<Lanes>(value < -most ? -most : value, most);
+      memcpy(to, &value, sizeof value);
+    }
+  }
+
   TEXF_OFTEN void filter_children(const Level& level, const Level& upper, u32 p, const i8* const* taps_of, i32* filtered) const {
-    constexpr int all = planar ? 15 : 255, side = planar ? 6 : 4;
-    i32 means[65 * components_];  // by place
-    u64 there = 0;
+    static const i8 steps[26] = {-16, -4, -1, 1, 4, 16, -20, -17, -15, -12, -5, -3, 3, 5, 12, 15, 17, 20, -21, -19, -13, -11, 11, 13, 19, 21};
+    Four means[64] = {};  // by place: components, 1
+    i32 luma[64] = {};    // of the first component
     const u32* row = row_of(p);
-    for (int n = 0; n < (planar ? 9 : 27); n++) {
+    for (int n = 0; n < 27; n++) {
       if (row[n] == NONE) continue;
       const i32* from = mean_of(level, upper.first_child[row[n]]);
-      int children = upper.children[row[n]];
-      if (planar && children == all) {
-        i32* to = means + shape_.place[n][0] * components_;
-        std::copy_n(from, 2 * components_, to);
-        std::copy_n(from + 2 * components_, 2 * components_, to + side * components_);
-        there |= (3ull | 3ull << side) << shape_.place[n][0];
-        continue;
-      }
-      for (int left = children; left; left &= left - 1, from += components_) {
-        int octant = __builtin_ctz(left);
-        std::copy_n(from, components_, means + shape_.place[n][octant] * components_);
-        there |= shape_.bit[n][octant];
+      for (int left = upper.children[row[n]]; left; left &= left - 1, from += components_) {
+        u8 place = shape_.place[n][__builtin_ctz(left)];
+        if (place >= 64) continue;
+        luma[place] = from[0];
+        means[place] = Four{from[0], components_ > 1 ? from[components_ > 1] : 0, components_ > 2 ? from[components_ - 1] : 0, 1};
       }
     }
-    u32 v = upper.first_child[p];
-    for (int children = upper.children[p]; children; children &= children - 1, v++) {
-      int octant = __builtin_ctz(children);
-      const i32 *own = means + shape_.own[octant] * components_, *near[26];
-      i32* out = filtered + size_t(v) * components_;
-      int ends[3];
-      if (planar && (there & shape_.window[octant]) == shape_.window[octant]) {
-        int n = 0;
-        for (int step : {-1, 1, -side, side, -side - 1, 1 - side, side - 1, side + 1, -2, 2, -2 * side, 2 * side}) near[n++] = own + step * components_;
-        filter_one<planar, true>(own, near, ends, taps_of, out);
-        continue;
+    i32* out = filtered + size_t(upper.first_child[p]) * components_;
+    for (int children = upper.children[p]; children; children &= children - 1, out += components_) {
+      int place = shape_.own[__builtin_ctz(children)], class_ = 0;
+      Four own = means[place], ring[3] = {}, by_x = {};
+      own[3] = 0;
+      for (int n = 0; n < 26; n++) ring[n < 6 ? 0 : n < 18 ? 1 : 2] += means[place + steps[n]];
+      for (int n = 0; n < 9; n++) by_x += absolute<Four>(loaded<Four>(&luma[(place & ~3) + 16 * (n / 3 - 1) + 4 * (n % 3 - 1)]) - own[0]);
+      i32 count = ring[0][3] + ring[1][3] + ring[2][3], x = place & 3;
+      i32 spread_of = by_x[x - 1] + by_x[x] + by_x[x + 1] - (26 - count) * std::abs(own[0]);
+      while (class_ < 4 && spread_of >= least_[class_] * std::max(1, count)) class_++;
+      for (Four& sum : ring) sum -= own * sum[3];
+      for (int c = 0; c < components_; c++) {
+        const i8* f = taps_of[class_ * components_ + c];
+        out[c] = i32(clip(-LARGEST, LARGEST, own[c] + ((256 + i64(f[0]) * ring[0][c] + i64(f[1]) * ring[1][c] + i64(f[2]) * ring[2][c]) >> 9)));
       }
-      int count = 0;
-      for (int r = 0; r < 3; r++) {
-        for (u64 left = there & shape_.ring[octant][r]; left; left &= left - 1) near[count++] = means + __builtin_ctzll(left) * components_;
-        ends[r] = count;
-      }
-      filter_one<planar, false>(own, near, ends, taps_of, out);
-    }
-  }
-
-  // near: the means around, ring after ring; full: four in every ring
-  template <bool planar, bool full>
-  void filter_one(const i32* own, const i32* const* near, const int* ends, const i8* const* taps_of, i32* out) const {
-    auto end = [&](int r) { return full ? 4 * r + 4 : ends[r]; };
-    int count = end(planar ? 1 : 2), class_ = 0;
-    i32 spread_of = 0;
-    for (int n = 0; n < count; n++) spread_of += std::abs(near[n][0] - own[0]);
-    while (class_ < 4 && spread_of >= least_[class_] * std::max(1, count)) class_++;
-    for (int c = 0; c < components_; c++) {
-      const i8* f = taps_of[class_ * components_ + c];
-      if (!f) continue;
-      i64 change = 256;
-      i32 limit = i32(step_[c] >> 2);
-      for (int r = 0, n = 0; r < 3; r++) {
-        i32 sum = 0, limited = 0;
-        for (; n < end(r); n++) {
-          i32 difference = near[n][c] - own[c];
-          sum += difference;
-          if (planar && r < 2) limited += std::max(-limit, std::min(limit, difference));
-        }
-        change += i64(f[r]) * sum;
-        if (planar && r < 2) change += i64(f[3 + r]) * limited;
-      }
-      out[c] = i32(clip(-LARGEST, LARGEST, own[c] + (change >> 9)));
     }
   }
 

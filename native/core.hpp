@@ -79,15 +79,14 @@ void sort_keys(std::vector<u64>& keys);  // ascending; by bytes, for many
 // ---- 7.6: the range decoder and its contexts, which 8.4 and 11.9 use too
 
 struct Context {
-  u32 fast = 1 << 21;
-  u32 slow : 24, count : 8;
-  Context() : slow(1 << 21), count(0) {}
+  u32 fast = 1 << 21, rest = 1 << 21;  // rest: slow, 24 bits, and the count
+  u32 slow() const { return rest & 0xffffff; }
   template <int most>
   void adapt(int bit) {
-    i32 target = bit * ((1 << 22) - 1), rate = 32 - __builtin_clz(count + 1);
+    i32 target = bit * ((1 << 22) - 1), now = i32(slow());
+    u32 count = rest >> 24, rate = 32 - __builtin_clz(count + 1);
     fast += (target - i32(fast)) >> (rate < most ? rate : most);
-    slow = i32(slow) + ((target - i32(slow)) >> rate);
-    if (count < 63) count = count + 1;
+    rest = u32(now + ((target - now) >> rate)) | (count < 63 ? count + 1 : count) << 24;
   }
 };
 
@@ -116,7 +115,7 @@ class RangeDecoder {
   int bypass() { return split(range_ >> 1); }
   template <int most = 3>
   int bit(Context& context) {
-    int bit_read = likely(clip(24, 65512, (context.fast + context.slow) >> 7));
+    int bit_read = likely(clip(24, 65512, (context.fast + context.slow()) >> 7));
     context.adapt<most>(bit_read);
     return bit_read;
   }

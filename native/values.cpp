@@ -23,6 +23,9 @@ constexpr int LANES = 8;
 #endif
 typedef i32 Lanes __attribute__((vector_size(4 * LANES)));
 typedef i32 Four __attribute__((vector_size(16)));
+constexpr int REALS = LANES / 2;
+typedef double Reals __attribute__((vector_size(8 * REALS)));
+typedef i32 Whole __attribute__((vector_size(4 * REALS)));
 
 template <typename V>
 TEXF_INLINE V loaded(const i32* from) {
@@ -85,23 +88,32 @@ i64 quotient(i64 a, i64 b) { return b < 1 << 20 && magnitude(a) < b << 23 ? by_r
 
 // ---- 7.6.4
 
+// Numbers in binary64, where all of them are exact.
 struct WeightSet {
   i32 weight[8], bias = 0, count = 0;
   WeightSet() { std::fill(weight, weight + 8, 13107); }
+  Reals weights(int i) const { return __builtin_convertvector(loaded<Whole>(weight + i), Reals); }
   template <int m>
-  i32 output(const i32* s) const {
-    i64 sum = i64(bias) * 256;
-    for (int i = 0; i < m; i++) sum += i64(weight[i]) * s[i];
-    return i32(clip(-2816, 2816, sum >> 16));
+  TEXF_INLINE i32 output(const Reals* s) const {
+    Reals sums = weights(0) * s[0];
+    for (int i = REALS; i < m; i += REALS) sums += weights(i) * s[i / REALS];
+    double sum = 256.0 * bias;
+    for (int l = 0; l < REALS; l++) sum += sums[l];
+    return i32(clip(-2816, 2816, i64(sum) >> 16));
   }
   template <int m>
-  void learn(const i32* s, i32 y, int bit) {
-    i64 error = (65536 * bit - tables.squash[y + 2816]) * tables.learning[count];
-    for (int i = 0; i < m; i++) weight[i] = limited(weight[i] + ((s[i] * error + (1 << 19)) >> 20));
-    bias = limited(bias + ((256 * error + (1 << 19)) >> 20));
+  TEXF_INLINE void learn(const Reals* s, i32 y, int bit) {
+    i32 error = (65536 * bit - tables.squash[y + 2816]) * tables.learning[count];
+    double part = error / 1048576.0;
+    for (int i = 0; i < m; i += REALS) {
+      Reals change = s[i / REALS] * part + 1.0 / 2097152, w = weights(i) + ((change + 6755399441055744.0) - 6755399441055744.0);  // nearest, never a tie
+      w = w > 1048576.0 ? w - w + 1048576.0 : w;
+      Whole kept = __builtin_convertvector(w < -1048576.0 ? w - w - 1048576.0 : w, Whole);
+      memcpy(weight + i, &kept, sizeof kept);
+    }
+    bias = i32(clip(-(1 << 20), 1 << 20, bias + ((256 * i64(error) + (1 << 19)) >> 20)));
     count = std::min(count + 1, 1521);
   }
-  static i32 limited(i64 w) { return i32(clip(-(1 << 20), 1 << 20, w)); }
 };
 
 class Mixer {  // contexts of several kinds of bits, each with its models, and what mixes them
@@ -124,13 +136,15 @@ class Mixer {  // contexts of several kinds of bits, each with its models, and w
   }
   // numbers: the context of each of m models
   template <int m>
-  TEXF_OFTEN int bit(RangeDecoder& decoder, int kind, const u32* numbers, u32 first, u32 second, u32 refinement) {
+  TEXF_VECTORS int bit(RangeDecoder& decoder, int kind, const u32* numbers, u32 first, u32 second, u32 refinement) {
     Context* context[m];
-    i32 s[m];
+    i32 stretched[8] = {};
     for (int i = 0; i < m; i++) {
       context[i] = &contexts_[starts_[kind][i] + numbers[i]];
-      s[i] = tables.stretch[(context[i]->fast + context[i]->slow) >> 11];
+      stretched[i] = tables.stretch[(context[i]->fast + context[i]->slow()) >> 11];
     }
+    Reals s[8 / REALS];
+    for (int i = 0; i < 8; i += REALS) s[i / REALS] = __builtin_convertvector(loaded<Whole>(stretched + i), Reals);
     WeightSet &a = sets_[first], &b = sets_[second];
     i32 x1 = a.output<m>(s), x2 = b.output<m>(s), x = ((x1 + x2) >> 1) + 2816;
     i32* entry = &refinements_[refinement][x >> 8];
@@ -953,9 +967,13 @@ class Raht {
     i32* out = filtered + size_t(upper.first_child[p]) * components_;
     for (int children = upper.children[p]; children; children &= children - 1, out += components_) {
       int place = shape_.own[__builtin_ctz(children)], class_ = 0;
-      Four own = means[place], ring[3] = {}, by_x = {};
+      auto sum_of = [&](int n, int end) {
+        Four sum = {};
+        for (; n < end; n++) sum += means[place + steps[n]];
+        return sum;
+      };
+      Four own = means[place], ring[3] = {sum_of(0, 6), sum_of(6, 18), sum_of(18, 26)}, by_x = {};
       own[3] = 0;
-      for (int n = 0; n < 26; n++) ring[n < 6 ? 0 : n < 18 ? 1 : 2] += means[place + steps[n]];
       for (int n = 0; n < 9; n++) by_x += absolute<Four>(loaded<Four>(&luma[(place & ~3) + 16 * (n / 3 - 1) + 4 * (n % 3 - 1)]) - own[0]);
       i32 count = ring[0][3] + ring[1][3] + ring[2][3], x = place & 3;
       i32 spread_of = by_x[x - 1] + by_x[x] + by_x[x + 1] - (26 - count) * std::abs(own[0]);
@@ -1047,7 +1065,6 @@ class Raht {
   // ---- 7.11.4
 
   u32 first_texel(u32 node) const { return levels_[d_ + 2].first_child[levels_[d_ + 1].first_child[level_->first_child[node]]]; }
-  static int texel_at(int x, int y) { return (x & 1) | (y & 1) << 1 | (x & 2) << 1 | (y & 2) << 2 | (x & 4) << 2 | (y & 4) << 3; }
 
   static i64 basis(int f, int x) {
     static const i64 cosine[9] = {8192, 8035, 7568, 6811, 5793, 4551, 3135, 1598, 0};
@@ -1067,13 +1084,34 @@ class Raht {
           if (u < 8 && v < 8) zigzag_[++z] = u8(8 * v + u);
         }
       for (int f = 0; f < 8; f++)
-        for (int x = 0; x < 8; x++) basis_[f][x] = basis(f, x);
+        for (int x = 0; x < 8; x++) {
+          basis_[f][x] = turned_[x][f] = i32(basis(f, x));
+          texel_[8 * f + x] = u8(morton_key(x, f, 0) % 8 + morton_key(x, f, 0) / 8 % 8 * 4 + morton_key(x, f, 0) / 64 * 16);
+        }
     }
     for (u32 node = range_.first; node < range_.end; node++) {
       if (level_->weight[node] != 64) continue;
       level_->dct[node] = u32(dct_.size());
       dct_.push_back({});
       decode_dct_block(node);
+    }
+  }
+
+  // us, vs: columns and rows of `a` that are not all 0
+  template <typename Number>
+  TEXF_VECTORS void inverse(const i64* a, u32 us, u32 vs, i32 own, i32* out) const {
+    for (int y = 0; y < 8; y++) {
+      Number part[8] = {}, sum[8];
+      for (u32 left = vs; left; left &= left - 1) {
+        int v = __builtin_ctz(left);
+        for (int u = 0; u < 8; u++) part[u] += Number(a[8 * v + u]) * Number(basis_[v][y]);
+      }
+      std::fill(sum, sum + 8, Number(1 << 27));
+      for (u32 left = us; left; left &= left - 1) {
+        int u = __builtin_ctz(left);
+        for (int x = 0; x < 8; x++) sum[x] += part[u] * Number(basis_[u][x]);
+      }
+      for (int x = 0; x < 8; x++) out[texel_[8 * y + x] * components_] = i32(clip(-LARGEST, LARGEST, own + (i64(sum[x]) >> 28)));
     }
   }
 
@@ -1092,18 +1130,19 @@ class Raht {
     i32* out = &texel_level.mean[size_t(first_texel(node)) * components_];
     i64 total[2] = {0, 0};
     for (int c = 0; c < components_; c++) {
-      i64 west[8] = {}, north[8] = {}, a[64] = {};
-      auto edge = [&](const i32* from, int x1, int y1, int x2, int y2) {
-        return 3 * i64(from[texel_at(x1, y1) * components_ + c]) - from[texel_at(x2, y2) * components_ + c] - 2 * i64(own[c]);
-      };
-      for (int f = 0; f < 8; f++) {
+      i64 west[8] = {}, north[8] = {}, a[64] = {}, sizes = 0;
+      auto edge = [&](const i32* from, int inner, int outer, i64* to) {  // at 8 * y + x, steps of the other axis
+        double sums[8] = {};
         for (int i = 0; i < 8; i++) {
-          if (beside[0]) west[f] += basis_[f][i] * edge(texels[0], 7, i, 6, i);
-          if (beside[1]) north[f] += basis_[f][i] * edge(texels[1], i, 7, i, 6);
+          int on = outer == 7 ? 8 * i : i;
+          double value = 3 * from[texel_[on + outer] * components_ + c] - from[texel_[on + inner] * components_ + c] - 2 * own[c];
+          for (int f = 0; f < 8; f++) sums[f] += value * turned_[i][f];
         }
-        west[f] >>= 15;
-        north[f] >>= 15;
-      }
+        for (int f = 0; f < 8; f++) to[f] = i64(sums[f]) >> 15;
+      };
+      if (beside[0]) edge(texels[0], 6, 7, west);
+      if (beside[1]) edge(texels[1], 48, 56, north);
+      u32 us = 0, vs = 0;
       int left = block.count[c] = dct_count(block, beside, c, west, north);
       for (int z = 1; z < 64 && left > 0; z++) {
         i64 q = dct_coefficient(block, beside, c, z, &left, west, north);
@@ -1112,19 +1151,14 @@ class Raht {
         total[c > 0] += magnitude(q);
         block.q[c][place] = i8(clip(-127, 127, q));
         i64 value = a[place] = clip(-(1 << 25), 1 << 25, q * step_[c]);
+        sizes += magnitude(value);
+        us |= 1 << u;
+        vs |= 1 << v;
         west[v] -= u > 0 ? value >> 1 : (181 * value) >> 9;
         north[u] -= v > 0 ? value >> 1 : (181 * value) >> 9;
       }
-      for (int y = 0; y < 8; y++) {
-        i64 part[8] = {};  // by u: products with both factors below 2^52, so that the order of sums does not matter
-        for (int u = 0; u < 8; u++)
-          for (int v = 0; v < 8; v++) part[u] += a[8 * v + u] * basis_[v][y];
-        for (int x = 0; x < 8; x++) {
-          i64 sum = 1 << 27;
-          for (int u = 0; u < 8; u++) sum += part[u] * basis_[u][x];
-          out[texel_at(x, y) * components_ + c] = i32(clip(-LARGEST, LARGEST, own[c] + (sum >> 28)));
-        }
-      }
+      if (sizes < 1 << 26) inverse<double>(a, us, vs, own[c], out + c);  // sums below 2^53
+      else inverse<i64>(a, us, vs, own[c], out + c);
     }
     int energy[2] = {int(std::min<i64>(255, 16 * total[0] / 63)),
                      components_ > 1 ? int(std::min<i64>(255, 16 * total[1] / (63 * (components_ - 1)))) : 0};
@@ -1208,8 +1242,9 @@ class Raht {
   i64 step_[3] = {1, 1, 1}, inverse_[3] = {}, falloff_inverse_ = 0;
   i32 least_[4];
   u32 gains_[2][64 * 64];
-  u8 zigzag_[64] = {};
-  i64 basis_[8][8] = {};
+  u8 zigzag_[64] = {}, texel_[64];  // texel_: the number of the one at 8 * y + x
+  i32 basis_[8][8];
+  double turned_[8][8];
   const u32* rows_ = nullptr;  // neighbours of the nodes of the level
   std::vector<DctBlock> dct_;
   // of the level and the range that are decoded

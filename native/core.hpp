@@ -2,10 +2,15 @@
 #pragma once
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <cstring>
+#include <exception>
 #include <memory>
 #include <string>
+#if defined(__cpp_exceptions)
+#include <thread>
+#endif
 #include <vector>
 
 #include "texf.h"
@@ -43,6 +48,43 @@ inline void require_equal(u64 value, u64 coded, Finding finding, const char* sen
 }
 inline void within(u64 count, u64 limit, Finding finding, const char* sentence) {
   if (limit > 0 && count > limit) fail_value(finding, count, limit, sentence);
+}
+
+// Calls what(0) to what(count - 1) on up to `threads` threads. All are called, then the first by number that has thrown is thrown on.
+template <typename What>
+void side_by_side(int threads, size_t count, const What& what) {
+#if defined(__cpp_exceptions)
+  if (threads > 1 && count > 1) {
+    std::atomic<size_t> next{0};
+    std::vector<std::exception_ptr> thrown(count);
+    auto work = [&] {
+      for (size_t i; (i = next++) < count;) try {
+          what(i);
+        } catch (...) {
+          thrown[i] = std::current_exception();
+        }
+    };
+    std::vector<std::thread> others;
+    others.reserve(threads);
+    try {
+      while (others.size() + 1 < std::min(count, size_t(threads))) others.emplace_back(work);
+    } catch (...) {  // fewer threads, then
+    }
+    work();
+    for (std::thread& other : others) other.join();
+    for (const std::exception_ptr& one : thrown)
+      if (one) std::rethrow_exception(one);
+    return;
+  }
+#endif
+  for (size_t i = 0; i < count; i++) what(i);
+}
+
+// The same by pieces: what(first, end).
+template <typename What>
+void by_pieces(int threads, size_t count, const What& what) {
+  size_t pieces = threads > 1 ? std::min<size_t>(count, 4 * threads) : 1;
+  side_by_side(threads, pieces, [&](size_t n) { what(count * n / pieces, count * (n + 1) / pieces); });
 }
 
 // ---- 4.1
@@ -218,7 +260,7 @@ struct AttributeUnit {
 };
 
 struct Asset {
-  int position_bits = 0, lod = 0;
+  int position_bits = 0, lod = 0, threads = 1;
   u32 chosen = ~0u;  // attribute units that are decoded
   double origin[3] = {0, 0, 0}, side = 0;
   std::vector<ChannelGroup> groups;
@@ -249,7 +291,7 @@ struct Asset {
 std::unique_ptr<Asset> read_stream(const u8* data, size_t size, const texf_limits& limits);  // steps 1 to 5 of 9.2
 void decode_geometry(GeometryUnit& unit, int position_bits);                                // 5.6
 
-std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_limits& limits, u32 chosen);  // 9.2, 8.3
+std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_limits& limits, u32 chosen, int threads);  // 9.2, 8.3
 
 // ---- surface.cpp
 void count_samples(Asset& asset);                                                           // 10.1
@@ -262,7 +304,7 @@ std::vector<std::vector<float>> shading_normals(const Asset& asset);            
 // ---- values.cpp
 struct Octree;  // 7.1
 std::shared_ptr<Octree> octree_of(const std::vector<u64>& cells, int depth, bool planar);
-std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod);  // 7
+std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod, int threads);  // 7
 
 class Network {  // 11
  public:

@@ -73,6 +73,14 @@ struct Tables {
 };
 const Tables tables;
 
+const std::array<std::array<u32, 64 * 64>, 2> gains = [] {  // by half, and weights of 1 to 64
+  std::array<std::array<u32, 64 * 64>, 2> g;
+  for (int a = 1; a <= 64; a++)
+    for (int b = 1; b <= 64; b++)
+      for (int half = 0; half < 2; half++) g[half][64 * (a - 1) + b - 1] = u32(isqrt((i64(a + b) << (34 - half)) / (a * b)));
+  return g;
+}();
+
 int ones(u32 mask) {  // of eight bits
   static const u8 nibble[16] = {0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4};
   return nibble[mask & 15] + nibble[mask >> 4];
@@ -175,10 +183,16 @@ enum { FLAG, ZERO, MORE, SIGN };             // 7.5.5
 enum { COUNT = 0 };                          // in 7.11.4 in place of FLAG
 enum { SIZE = 0, RESIDUAL_SIGN = 1 };        // 7.9
 
+struct DctBlock {
+  int count[3];
+  i8 q[3][64];                      // limited to -127..127
+};
+
 struct SliceState {  // what a range is decoded with
   RangeDecoder decoder;
   std::vector<Context> direct, quiet;
   Mixer mixed, dct;
+  std::vector<DctBlock> blocks;
 };
 
 // ---- 7.1. Of the neighbours (x, y, z) of a node number (z + 1) * 9 + (y + 1) * 3 + x + 1 stands in its row, or without z over texels
@@ -193,7 +207,7 @@ struct Level {
   std::vector<i32> mean;             // [nodes, components]
   std::vector<i8> q;                 // 7.11.2: q[1], q[3], q[4] of every component, limited to -2..2
   std::vector<u32> dct;              // 7.11.4: the number of the node's DCT block
-  std::vector<bool> known;           // below one
+  std::vector<u8> known;             // below one
   size_t count() const { return parent.size(); }
   u32 child(u32 node, int octant) const {
     return children[node] >> octant & 1 ? first_child[node] + ones(children[node] & ((1u << octant) - 1)) : NONE;
@@ -306,22 +320,25 @@ std::shared_ptr<Octree> octree_of(const std::vector<u64>& keys, int depth, bool 
 namespace {
 
 // Rows of the neighbours of all nodes of a level from those of its parents.
-void find_neighbours(const Level& upper, const Shape& shape, Level& level) {
+void find_neighbours(const Level& upper, const Shape& shape, Level& level, int threads) {
   level.rows.resize(level.count() * shape.row);
-  u32 *to = level.rows.data(), around[65];  // by place; the last is what lies outside
-  for (u32 p = 0; p < upper.count(); p++) {
-    const u32* row = &upper.rows[size_t(p) * shape.row];
-    std::fill(around, around + 64, NONE);
-    for (int n = 0; n < shape.row; n++) {
-      if (row[n] == NONE) continue;
-      u32 child = upper.first_child[row[n]];
-      for (int left = upper.children[row[n]]; left; left &= left - 1) around[shape.place[n][__builtin_ctz(left)]] = child++;
+  by_pieces(threads, upper.count(), [&](size_t first, size_t end) {
+    u32 around[65];  // by place; the last is what lies outside
+    for (size_t p = first; p < end; p++) {
+      const u32* row = &upper.rows[p * shape.row];
+      u32* to = &level.rows[size_t(upper.first_child[p]) * shape.row];
+      std::fill(around, around + 64, NONE);
+      for (int n = 0; n < shape.row; n++) {
+        if (row[n] == NONE) continue;
+        u32 child = upper.first_child[row[n]];
+        for (int left = upper.children[row[n]]; left; left &= left - 1) around[shape.place[n][__builtin_ctz(left)]] = child++;
+      }
+      for (int left = upper.children[p]; left; left &= left - 1) {
+        const u32* own = around + shape.own[__builtin_ctz(left)];
+        for (int n = 0; n < shape.row; n++) *to++ = own[shape.step[n]];
+      }
     }
-    for (int left = upper.children[p]; left; left &= left - 1) {
-      const u32* own = around + shape.own[__builtin_ctz(left)];
-      for (int n = 0; n < shape.row; n++) *to++ = own[shape.step[n]];
-    }
-  }
+  });
 }
 
 // ---- 7.2 to 7.6
@@ -351,17 +368,13 @@ struct Plane {  // what the contexts of a plane know
   int expected[3][7], down[3][7];   // -1 before they are asked
 };
 
-struct DctBlock {
-  int count[3];
-  i8 q[3][64];                      // limited to -127..127
-};
-
 template <int components_>
 class Raht {
   using Block = texf::Block<components_>;
 
  public:
-  Raht(const AttributeUnit& unit, Octree& octree) : unit_(unit), shape_(octree.shape), models_(unit.num_models), levels_(octree.levels) {
+  Raht(const AttributeUnit& unit, Octree& octree, int threads)
+      : unit_(unit), shape_(octree.shape), models_(unit.num_models), threads_(threads), levels_(octree.levels) {
     for (Level& level : levels_) {
       level.mean.resize(level.count() * components_);
       level.energy.assign(2 * level.count(), 0);
@@ -376,9 +389,6 @@ class Raht {
     // sums of differences that classes 1 to 4 of 7.7 begin with, by neighbour
     for (int class_ = 1; class_ < 5; class_++) least_[class_ - 1] = i32(ceil_div(2ll << (class_ + 28), inverse_[0]));
     if (unit.colour_range > 0) falloff_inverse_ = (1ll << 32) / (unit.colour_range * step_[0]);
-    for (int a = 1; a <= 64; a++)
-      for (int b = 1; b <= 64; b++)
-        for (int half = 0; half < 2; half++) gains_[half][64 * (a - 1) + b - 1] = u32(isqrt((i64(a + b) << (34 - half)) / (a * b)));
   }
 
   std::vector<u8> decode(int lod) {
@@ -390,7 +400,7 @@ class Raht {
       require(unit_.slice_first.back() < levels_[unit_.slice_level].count(), S12, "a slice begins past the last node of its level");
     std::vector<Range> ranges{{0, 1}};
     for (d_ = 0; d_ < last; d_++) {
-      if (levels_[d_].rows.empty()) find_neighbours(levels_[d_ - 1], shape_, levels_[d_]);
+      if (levels_[d_].rows.empty()) find_neighbours(levels_[d_ - 1], shape_, levels_[d_], threads_);
       rows_ = levels_[d_].rows.data();
       if (unit_.slice_level == 0 || d_ < unit_.slice_level) {
         ranges = {{0, u32(levels_[d_].count())}};
@@ -410,10 +420,12 @@ class Raht {
       lower_ = &levels_[d_ + 1];
       upper_ = d_ > 0 ? &levels_[d_ - 1] : nullptr;
       level_class_ = std::min(depth - 1 - d_, 3);
-      above_.assign(2 * level_->count(), 0);
-      for (u32 node = 0; node < level_->count() && upper_; node++) memcpy(&above_[2 * size_t(node)], &upper_->energy[2 * size_t(level_->parent[node])], 2);
+      std::vector<u8> above(2 * level_->count(), 0);
+      above_ = above.data();
+      for (u32 node = 0; node < level_->count() && upper_; node++) memcpy(&above[2 * size_t(node)], &upper_->energy[2 * size_t(level_->parent[node])], 2);
       if (unit_.planar && models_ > 0) level_->q.assign(level_->count() * components_ * 3, 0);
-      for (size_t s = 0; s < ranges.size(); s++) decode_range(ranges[s], states[s]);
+      if (unit_.dct_blocks && depth - d_ == 3) prepare_dct();
+      side_by_side(threads_, ranges.size(), [&](size_t s) { Raht(*this).decode_range(ranges[s], states[s]); });
     }
     Level& level = levels_[last];
     if (lod == 0 && depth > 0) filter(level);
@@ -422,7 +434,7 @@ class Raht {
       ranges = ranges_below(ranges, levels_[depth - 1]);
       std::vector<u8> x = values;
       std::vector<i16> k(values.size(), 0);
-      for (size_t s = 0; s < ranges.size(); s++) residuals(ranges[s], states[s].decoder, x, values, k);
+      side_by_side(threads_, ranges.size(), [&](size_t s) { residuals(ranges[s], states[s].decoder, x, values, k); });
     }
     return values;
   }
@@ -549,7 +561,7 @@ class Raht {
       bool before = decoded(other, block.node);
       if (d.nonzero < 3) {
         u32 w = 3 - d.nonzero;
-        const u8* energy = &(before ? level_->energy : above_)[2 * size_t(other)];
+        const u8* energy = (before ? level_->energy.data() : above_) + 2 * size_t(other);
         for (int k = 0; k < 2; k++) (before ? block.near : block.far)[k] += w * energy[k];
         (before ? block.near_weight : block.far_weight) += w;
       }
@@ -579,7 +591,7 @@ class Raht {
   // ---- 7.4
 
   i64 gain(i64 w1, i64 w2, int half) const {
-    if (w1 <= 64 && w2 <= 64) return gains_[half][64 * (w1 - 1) + w2 - 1];
+    if (w1 <= 64 && w2 <= 64) return gains[half][64 * (w1 - 1) + w2 - 1];
     return isqrt(((w1 + w2) << (34 - half)) / (w1 * w2));
   }
 
@@ -855,17 +867,29 @@ class Raht {
       if (unit_.planar) {
         const Level& squares = levels_[unit_.depth - across];
         std::vector<i32> means(squares.count() * 64 * components_, ABSENT);
-        for (size_t s = 0, v = 0; s < squares.count(); s++)
-          for (u32 n = 0; n < squares.weight[s]; n++, v++)
-            for (int c = 0; c < components_; c++) means[(s * components_ + c) * 64 + level.cell[v]] = level.mean[v * components_ + c];
-        u32 first = 0;
-        for (u32 s = 0; s < squares.count(); first += squares.weight[s++]) filter_square(level, squares, s, first, 1 << across, means.data(), taps_of);
+        by_pieces(threads_, squares.count(), [&](size_t s, size_t end) {
+          for (u32 v = first_below(unit_.depth - across, s); s < end; s++)
+            for (u32 n = 0; n < squares.weight[s]; n++, v++)
+              for (int c = 0; c < components_; c++) means[(s * components_ + c) * 64 + level.cell[v]] = level.mean[size_t(v) * components_ + c];
+        });
+        by_pieces(threads_, squares.count(), [&](size_t s, size_t end) {
+          for (u32 v = first_below(unit_.depth - across, s); s < end; v += squares.weight[s++])
+            filter_square(level, squares, u32(s), v, 1 << across, means.data(), taps_of);
+        });
       } else {
         std::vector<i32> filtered = level.mean;
-        for (u32 p = 0; p < levels_[unit_.depth - 1].count(); p++) filter_children(level, levels_[unit_.depth - 1], p, taps_of, filtered.data());
+        by_pieces(threads_, levels_[unit_.depth - 1].count(), [&](size_t p, size_t end) {
+          for (; p < end; p++) filter_children(level, levels_[unit_.depth - 1], u32(p), taps_of, filtered.data());
+        });
         level.mean.swap(filtered);
       }
     }
+  }
+
+  u32 first_below(int l, size_t node) const {  // voxel or texel of a node of level l
+    u32 n = u32(node);
+    for (; l < unit_.depth; l++) n = levels_[l].first_child[n];
+    return n;
   }
 
   static constexpr i32 ABSENT = 1 << 30;
@@ -990,16 +1014,16 @@ class Raht {
 
   std::vector<u8> values_of(const Level& level) const {
     std::vector<u8> values(level.mean.size());
-    if (unit_.colour_transform == 0) {
-      for (size_t i = 0; i < values.size(); i++) values[i] = u8(clip(0, 255, (level.mean[i] + 2048) >> 12));
-      return values;
-    }
-    for (size_t i = 0; i < values.size(); i += 3) {
-      i64 y = 65536 * i64(level.mean[i]) + (1 << 27), cb = level.mean[i + 1], cr = level.mean[i + 2];
-      values[i] = u8(clip(0, 255, (y + 103206 * cr) >> 28));
-      values[i + 1] = u8(clip(0, 255, (y - 12276 * cb - 30679 * cr) >> 28));
-      values[i + 2] = u8(clip(0, 255, (y + 121608 * cb) >> 28));
-    }
+    by_pieces(threads_, values.size() / components_, [&](size_t i, size_t end) {
+      i *= components_, end *= components_;
+      for (; i < end && unit_.colour_transform == 0; i++) values[i] = u8(clip(0, 255, (level.mean[i] + 2048) >> 12));
+      for (; i < end; i += 3) {
+        i64 y = 65536 * i64(level.mean[i]) + (1 << 27), cb = level.mean[i + 1], cr = level.mean[i + 2];
+        values[i] = u8(clip(0, 255, (y + 103206 * cr) >> 28));
+        values[i + 1] = u8(clip(0, 255, (y - 12276 * cb - 30679 * cr) >> 28));
+        values[i + 2] = u8(clip(0, 255, (y + 121608 * cb) >> 28));
+      }
+    });
     return values;
   }
 
@@ -1074,25 +1098,26 @@ class Raht {
     return m <= 8 ? cosine[m] : -cosine[16 - m];
   }
 
+  void prepare_dct() {
+    level_->dct.assign(level_->count(), NONE);
+    for (int down = 0; down < 3; down++) levels_[d_ + down].known.assign(levels_[d_ + down].count(), false);
+    for (int z = 0, sum = 1; sum <= 14; sum++)
+      for (int i = 0; i <= sum; i++) {
+        int u = sum % 2 == 0 ? i : sum - i, v = sum - u;
+        if (u < 8 && v < 8) zigzag_[++z] = u8(8 * v + u);
+      }
+    for (int f = 0; f < 8; f++)
+      for (int x = 0; x < 8; x++) {
+        basis_[f][x] = turned_[x][f] = i32(basis(f, x));
+        texel_[8 * f + x] = u8(morton_key(x, f, 0) % 8 + morton_key(x, f, 0) / 8 % 8 * 4 + morton_key(x, f, 0) / 64 * 16);
+      }
+  }
+
   void decode_dct_blocks() {
-    if (level_->dct.empty()) {
-      level_->dct.assign(level_->count(), NONE);
-      for (int down = 0; down < 3; down++) levels_[d_ + down].known.assign(levels_[d_ + down].count(), false);
-      for (int z = 0, sum = 1; sum <= 14; sum++)
-        for (int i = 0; i <= sum; i++) {
-          int u = sum % 2 == 0 ? i : sum - i, v = sum - u;
-          if (u < 8 && v < 8) zigzag_[++z] = u8(8 * v + u);
-        }
-      for (int f = 0; f < 8; f++)
-        for (int x = 0; x < 8; x++) {
-          basis_[f][x] = turned_[x][f] = i32(basis(f, x));
-          texel_[8 * f + x] = u8(morton_key(x, f, 0) % 8 + morton_key(x, f, 0) / 8 % 8 * 4 + morton_key(x, f, 0) / 64 * 16);
-        }
-    }
     for (u32 node = range_.first; node < range_.end; node++) {
       if (level_->weight[node] != 64) continue;
-      level_->dct[node] = u32(dct_.size());
-      dct_.push_back({});
+      level_->dct[node] = u32(state_->blocks.size());
+      state_->blocks.push_back({});
       decode_dct_block(node);
     }
   }
@@ -1116,14 +1141,14 @@ class Raht {
   }
 
   TEXF_OFTEN void decode_dct_block(u32 node) {
-    DctBlock &block = dct_.back(), *beside[3];
+    DctBlock &block = state_->blocks.back(), *beside[3];
     const i32* texels[3];
     Level& texel_level = levels_[d_ + 3];
     const int away[3][2] = {{-1, 0}, {0, -1}, {-1, -1}};
     for (int i = 0; i < 3; i++) {
       u32 other = neighbour(node, away[i][0], away[i][1], 0);
       bool there = other != NONE && other >= range_.first && level_->dct[other] != NONE;
-      beside[i] = there ? &dct_[level_->dct[other]] : nullptr;
+      beside[i] = there ? &state_->blocks[level_->dct[other]] : nullptr;
       texels[i] = there ? mean_of(texel_level, first_texel(other)) : nullptr;
     }
     const i32* own = mean_of(*level_, node);
@@ -1237,19 +1262,17 @@ class Raht {
 
   const AttributeUnit& unit_;
   const Shape& shape_;
-  int models_;
+  int models_, threads_;
   std::vector<Level>& levels_;
   i64 step_[3] = {1, 1, 1}, inverse_[3] = {}, falloff_inverse_ = 0;
   i32 least_[4];
-  u32 gains_[2][64 * 64];
   u8 zigzag_[64] = {}, texel_[64];  // texel_: the number of the one at 8 * y + x
   i32 basis_[8][8];
   double turned_[8][8];
   const u32* rows_ = nullptr;  // neighbours of the nodes of the level
-  std::vector<DctBlock> dct_;
   // of the level and the range that are decoded
   int d_ = 0;
-  std::vector<u8> above_;      // energies of the nodes' parents
+  const u8* above_ = nullptr;  // energies of the nodes' parents
   u32 level_class_ = 0;
   Level *upper_ = nullptr, *level_ = nullptr, *lower_ = nullptr;
   Range range_{0, 0};
@@ -1258,11 +1281,11 @@ class Raht {
 
 }  // namespace
 
-std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod) {
+std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod, int threads) {
   switch (unit.components) {
-    case 1: return std::make_unique<Raht<1>>(unit, octree)->decode(lod);
-    case 2: return std::make_unique<Raht<2>>(unit, octree)->decode(lod);
-    default: return std::make_unique<Raht<3>>(unit, octree)->decode(lod);
+    case 1: return std::make_unique<Raht<1>>(unit, octree, threads)->decode(lod);
+    case 2: return std::make_unique<Raht<2>>(unit, octree, threads)->decode(lod);
+    default: return std::make_unique<Raht<3>>(unit, octree, threads)->decode(lod);
   }
 }
 

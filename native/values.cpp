@@ -28,7 +28,7 @@ typedef double Reals __attribute__((vector_size(8 * REALS)));
 typedef i32 Whole __attribute__((vector_size(4 * REALS)));
 
 template <typename V>
-TEXF_INLINE V loaded(const i32* from) {
+TEXF_INLINE V loaded(const void* from) {
   V v;
   memcpy(&v, from, sizeof v);
   return v;
@@ -198,14 +198,15 @@ struct SliceState {  // what a range is decoded with
 // ---- 7.1. Of the neighbours (x, y, z) of a node number (z + 1) * 9 + (y + 1) * 3 + x + 1 stands in its row, or without z over texels
 
 struct Level {
-  std::vector<u32> first_child, parent, weight;
+  std::vector<u32> first_child;
+  Array<u32> parent, weight;
   std::vector<u8> children;          // a bit for every octant
   std::vector<u8> cell;              // of texels alone: 8 * y + x in the square of 8 x 8
-  std::vector<u32> rows;             // neighbours of every node, once they are asked for
+  Array<u32> rows;                   // neighbours of every node, once they are asked for
   // of the attribute that is decoded
   std::vector<u8> energy;            // two planes
-  std::vector<i32> mean;             // [nodes, components]
-  std::vector<i8> q;                 // 7.11.2: q[1], q[3], q[4] of every component, limited to -2..2
+  Array<i32> mean;                   // [nodes, components]
+  Array<i8> q;                       // 7.11.2: q[1], q[3], q[4] of every component, limited to -2..2
   std::vector<u32> dct;              // 7.11.4: the number of the node's DCT block
   std::vector<u8> known;             // below one
   size_t count() const { return parent.size(); }
@@ -388,6 +389,12 @@ class Raht {
     }
     // sums of differences that classes 1 to 4 of 7.7 begin with, by neighbour
     for (int class_ = 1; class_ < 5; class_++) least_[class_ - 1] = i32(ceil_div(2ll << (class_ + 28), inverse_[0]));
+    for (int n = 0; n < shape_.row; n++)
+      for (int octant = 0; octant < 8; octant++) {
+        const Shape::Direction& d = shape_.direction[n];
+        for (int i = 0; i < d.touches[octant]; i++) kernels_[n][octant][d.touch[octant][i].octant] = unit.kernel[3 + d.touch[octant][i].steps];
+        if (d.nonzero > 0 && d.octants >> octant & 1) kernels_[n][8][octant] = unit.kernel[d.nonzero];
+      }
     if (unit.colour_range > 0) falloff_inverse_ = (1ll << 32) / (unit.colour_range * step_[0]);
   }
 
@@ -537,24 +544,30 @@ class Raht {
   bool decoded(u32 other, u32 node) const { return other >= range_.first && other < node; }
 
   // 7.3 and, in passing, what 7.4.4 and 7.5.1 find around a block
-  void predict(Block& block) const {
+  TEXF_VECTORS void predict(Block& block) const {
+    if (unit_.planar) predict_octants<4>(block);
+    else predict_octants<8>(block);
+  }
+
+  template <int octants>
+  TEXF_INLINE void predict_octants(Block& block) const {
+    constexpr int vectors = octants / REALS;
     const i32* own = mean_of(*level_, block.node);
-    i32 total[8];
-    i64 sum[8][components_] = {};  // of differences from the node's own mean
-    std::fill(total, total + 8, 64 * unit_.kernel[0]);
+    Reals total[vectors], sum[components_][vectors] = {};  // by octant, of differences from the node's own mean: whole numbers below 2^53
+    for (Reals& t : total) t = Reals{} + 64.0 * unit_.kernel[0];
     for (int k = 0; k < 2; k++) block.far[k] = 3 * above(block.node, k);
-    auto find = [&](const i32* mean) {  // falloff
+    auto add = [&](const i32* mean, const double* kernel) __attribute__((always_inline)) {
       i32 *delta = block.around[block.num_around++], difference = 0;
       for (int c = 0; c < components_; c++) difference += std::abs(delta[c] = mean[c] - own[c]);
-      return falloff_inverse_ == 0 ? 64 : i32(FALLOFF_TABLE[std::min<i64>(30, (difference * falloff_inverse_) >> 28)]);
-    };
-    auto add = [&](int octant, i32 w) {
-      const i32* delta = block.around[block.num_around - 1];
-      total[octant] += w;
-      for (int c = 0; c < components_; c++) sum[octant][c] += i64(w) * delta[c];
+      double falloff = falloff_inverse_ == 0 ? 64 : FALLOFF_TABLE[std::min<i64>(30, (difference * falloff_inverse_) >> 28)];
+      for (int i = 0; i < vectors; i++) {
+        Reals w = loaded<Reals>(kernel + i * REALS) * falloff;
+        total[i] += w;
+        for (int c = 0; c < components_; c++) sum[c][i] += w * double(delta[c]);
+      }
     };
     const u32* row = row_of(block.node);
-    for (int n = 0; n < shape_.row; n++) {
+    for (int n = 0; n < (octants == 4 ? 9 : 27); n++) {
       u32 other = row[n];
       if (other == NONE || other == block.node) continue;
       const Shape::Direction& d = shape_.direction[n];
@@ -566,25 +579,22 @@ class Raht {
         (before ? block.near_weight : block.far_weight) += w;
       }
       if (!before) {
-        i32 w = unit_.kernel[d.nonzero] * find(mean_of(*level_, other));
-        for (int left = d.octants & block.mask; left; left &= left - 1) add(__builtin_ctz(left), w);
+        add(mean_of(*level_, other), kernels_[n][8]);
         continue;
       }
       int children = level_->children[other];
       for (int left = children & d.facing; left; left &= left - 1) {
         int octant = __builtin_ctz(left);
-        i32 weight = find(mean_of(*lower_, level_->first_child[other] + ones(children & ((1u << octant) - 1))));
-        for (int i = 0; i < d.touches[octant]; i++) {
-          Touch touch = d.touch[octant][i];
-          if (block.mask >> touch.octant & 1) add(touch.octant, unit_.kernel[3 + touch.steps] * weight);
-        }
+        add(mean_of(*lower_, level_->first_child[other] + ones(children & ((1u << octant) - 1))), kernels_[n][octant]);
       }
     }
-    for (int left = block.mask; left; left &= left - 1) {
-      int octant = __builtin_ctz(left);
-      double reciprocal = 1.0 / double(2 * total[octant]);
-      for (int c = 0; c < components_; c++)
-        block.predicted[c][octant] = own[c] + i32(by_reciprocal(2 * sum[octant][c] + total[octant], reciprocal));
+    for (int i = 0; i < vectors; i++) {
+      total[i] = total[i] < 1.0 ? Reals{} + 1.0 : total[i];  // of an octant that is not there
+      Reals reciprocal = 1.0 / (2.0 * total[i]);
+      for (int c = 0; c < components_; c++) {  // as by_reciprocal()
+        Whole shift = __builtin_convertvector((2.0 * sum[c][i] + total[i] + 0.5) * reciprocal + 16777216.0, Whole) - (16777216 - own[c]);
+        memcpy(&block.predicted[c][i * REALS], &shift, sizeof shift);
+      }
     }
   }
 
@@ -866,7 +876,7 @@ class Raht {
         taps_of[bit] = stage.mask >> bit & 1 ? &stage.coefficients[taps * set++] : none;
       if (unit_.planar) {
         const Level& squares = levels_[unit_.depth - across];
-        std::vector<i32> means(squares.count() * 64 * components_, ABSENT);
+        Array<i32> means(squares.count() * 64 * components_, ABSENT);
         by_pieces(threads_, squares.count(), [&](size_t s, size_t end) {
           for (u32 v = first_below(unit_.depth - across, s); s < end; s++)
             for (u32 n = 0; n < squares.weight[s]; n++, v++)
@@ -877,7 +887,7 @@ class Raht {
             filter_square(level, squares, u32(s), v, 1 << across, means.data(), taps_of);
         });
       } else {
-        std::vector<i32> filtered = level.mean;
+        Array<i32> filtered = level.mean;
         by_pieces(threads_, levels_[unit_.depth - 1].count(), [&](size_t p, size_t end) {
           for (; p < end; p++) filter_children(level, levels_[unit_.depth - 1], u32(p), taps_of, filtered.data());
         });
@@ -1266,6 +1276,7 @@ class Raht {
   std::vector<Level>& levels_;
   i64 step_[3] = {1, 1, 1}, inverse_[3] = {}, falloff_inverse_ = 0;
   i32 least_[4];
+  double kernels_[27][9][8] = {};  // 7.3: by direction and octant there, or 8 for the whole node, of every octant here
   u8 zigzag_[64] = {}, texel_[64];  // texel_: the number of the one at 8 * y + x
   i32 basis_[8][8];
   double turned_[8][8];

@@ -7,13 +7,9 @@
 #include <cstring>
 #include <exception>
 #include <memory>
-#include <new>
 #include <string>
 #if defined(__cpp_exceptions)
 #include <thread>
-#endif
-#if defined(__linux__)
-#include <sys/mman.h>
 #endif
 #include <vector>
 
@@ -30,40 +26,18 @@ using i16 = int16_t;
 using i32 = int32_t;
 using i64 = int64_t;
 
-// Long arrays: not set to 0 by resize(), and in large pages where the system has them.
+// Arrays that resize() does not set to 0.
 template <typename T>
-struct Pages {
-  using value_type = T;
-  static constexpr size_t page = 1 << 21;
-  Pages() = default;
+struct Unset : std::allocator<T> {
   template <typename U>
-  Pages(const Pages<U>&) {}
-  T* allocate(size_t n) {
-#if defined(__linux__)
-    if (n * sizeof(T) >= 2 * page) {
-      size_t size = (n * sizeof(T) + page - 1) / page * page;
-      void* memory = ::operator new(size, std::align_val_t(page));
-      madvise(memory, size, MADV_HUGEPAGE);
-      return static_cast<T*>(memory);
-    }
-#endif
-    return static_cast<T*>(::operator new(n * sizeof(T)));
-  }
-  void deallocate(T* memory, size_t n) {
-#if defined(__linux__)
-    if (n * sizeof(T) >= 2 * page) return ::operator delete(memory, std::align_val_t(page));
-#endif
-    ::operator delete(memory);
-  }
+  struct rebind { using other = Unset<U>; };
   template <typename U>
   void construct(U* place) { ::new (static_cast<void*>(place)) U; }
   template <typename U, typename... Of>
   void construct(U* place, Of&&... of) { ::new (static_cast<void*>(place)) U(std::forward<Of>(of)...); }
-  bool operator==(const Pages&) const { return true; }
-  bool operator!=(const Pages&) const { return false; }
 };
 template <typename T>
-using Array = std::vector<T, Pages<T>>;
+using Array = std::vector<T, Unset<T>>;
 
 // ---- Refusals. Where there are no exceptions the refusal is kept and the program stops: who runs a sandbox looks there.
 

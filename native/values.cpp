@@ -589,7 +589,6 @@ class Raht {
       }
     }
     for (int i = 0; i < vectors; i++) {
-      total[i] = total[i] < 1.0 ? Reals{} + 1.0 : total[i];  // of an octant that is not there
       Reals reciprocal = 1.0 / (2.0 * total[i]);
       for (int c = 0; c < components_; c++) {  // as by_reciprocal()
         Whole shift = __builtin_convertvector((2.0 * sum[c][i] + total[i] + 0.5) * reciprocal + 16777216.0, Whole) - (16777216 - own[c]);

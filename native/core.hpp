@@ -153,18 +153,14 @@ class RangeDecoder {
     code_ = std::min<u32>(code_, 0xfffffffe);
   }
   int split(u32 bound) {
-    int bit = code_ < bound;
-    if (bit) {
-      range_ = bound;
-    } else {
-      code_ -= bound;
-      range_ -= bound;
-    }
+    u32 bit = code_ < bound, without = bit - 1;  // no branch that is hard to foresee
+    code_ -= bound & without;
+    range_ = (bound & ~without) | ((range_ - bound) & without);
     while (range_ < 1u << 24) {
       range_ <<= 8;
       code_ = code_ << 8 | next();
     }
-    return bit;
+    return int(bit);
   }
   int likely(u32 p) { return split((range_ >> 16) * p); }
   int bypass() { return split(range_ >> 1); }

@@ -24,10 +24,10 @@ void fail_value(Finding finding, u64 value, u64 allowed, const char* sentence) {
 }
 
 i64 isqrt(i64 v) {
-  i64 r = i64(std::sqrt(double(v)));
-  while (r > 0 && r > v / r) r--;
-  while (r + 1 <= v / (r + 1)) r++;
-  return r;
+  u64 r = u64(std::sqrt(double(v)));
+  while (r * r > u64(v)) r--;
+  while ((r + 1) * (r + 1) <= u64(v)) r++;
+  return i64(r);
 }
 
 u32 crc32(const void* data, size_t size, u32 before) {

@@ -113,10 +113,11 @@ struct WeightSet {
   TEXF_INLINE void learn(const Reals* s, i32 y, int bit) {
     i32 error = (65536 * bit - tables.squash[y + 2816]) * tables.learning[count];
     double part = error / 1048576.0;
+    const Reals most = Reals{} + 1048576.0;
     for (int i = 0; i < m; i += REALS) {
       Reals change = s[i / REALS] * part + 1.0 / 2097152, w = weights(i) + ((change + 6755399441055744.0) - 6755399441055744.0);  // nearest, never a tie
-      w = w > 1048576.0 ? w - w + 1048576.0 : w;
-      Whole kept = __builtin_convertvector(w < -1048576.0 ? w - w - 1048576.0 : w, Whole);
+      w = least<Reals>(w < -most ? -most : w, most);
+      Whole kept = __builtin_convertvector(w, Whole);
       memcpy(weight + i, &kept, sizeof kept);
     }
     bias = i32(clip(-(1 << 20), 1 << 20, bias + ((256 * i64(error) + (1 << 19)) >> 20)));
@@ -231,6 +232,7 @@ struct Shape {  // what depends on the support alone
   };
   Direction direction[27];
   u8 place[27][8];  // by direction and octant there
+  u8 inside[27];    // octants of the places
   u8 own[8];        // the place of an own child
   int step[27];     // from a place to the one in that direction
 
@@ -266,15 +268,17 @@ struct Shape {  // what depends on the support alone
         d.facing |= (count > 0) << child;
       }
       step[n] = d.x + side * d.y + strides[2] * d.z;
+      inside[n] = 0;
       for (int octant = 0; octant < 8; octant++) {
-        bool inside = octant < 1 << axes;
+        bool here = octant < 1 << axes;
         int to = own[0];
         for (int axis = 0; axis < axes; axis++) {
           int v = 2 * at[axis] + (octant >> axis & 1);
-          inside = inside && v >= -reach && v <= reach + 1;
+          here = here && v >= -reach && v <= reach + 1;
           to += v * strides[axis];
         }
-        place[n][octant] = inside ? u8(to) : 64;
+        place[n][octant] = here ? u8(to) : 64;
+        inside[n] |= here << octant;
       }
     }
   }
@@ -324,15 +328,17 @@ namespace {
 void find_neighbours(const Level& upper, const Shape& shape, Level& level, int threads) {
   level.rows.resize(level.count() * shape.row);
   by_pieces(threads, upper.count(), [&](size_t first, size_t end) {
-    u32 around[65];  // by place; the last is what lies outside
+    u32 around[64];  // by place
     for (size_t p = first; p < end; p++) {
       const u32* row = &upper.rows[p * shape.row];
       u32* to = &level.rows[size_t(upper.first_child[p]) * shape.row];
       std::fill(around, around + 64, NONE);
       for (int n = 0; n < shape.row; n++) {
         if (row[n] == NONE) continue;
-        u32 child = upper.first_child[row[n]];
-        for (int left = upper.children[row[n]]; left; left &= left - 1) around[shape.place[n][__builtin_ctz(left)]] = child++;
+        for (int left = upper.children[row[n]] & shape.inside[n]; left; left &= left - 1) {
+          int octant = __builtin_ctz(left);
+          around[shape.place[n][octant]] = upper.child(row[n], octant);
+        }
       }
       for (int left = upper.children[p]; left; left &= left - 1) {
         const u32* own = around + shape.own[__builtin_ctz(left)];
@@ -989,10 +995,9 @@ class Raht {
     const u32* row = row_of(p);
     for (int n = 0; n < 27; n++) {
       if (row[n] == NONE) continue;
-      const i32* from = mean_of(level, upper.first_child[row[n]]);
-      for (int left = upper.children[row[n]]; left; left &= left - 1, from += components_) {
-        u8 place = shape_.place[n][__builtin_ctz(left)];
-        if (place >= 64) continue;
+      for (int left = upper.children[row[n]] & shape_.inside[n]; left; left &= left - 1) {
+        int octant = __builtin_ctz(left), place = shape_.place[n][octant];
+        const i32* from = mean_of(level, upper.child(row[n], octant));
         luma[place] = from[0];
         means[place] = Four{from[0], components_ > 1 ? from[components_ > 1] : 0, components_ > 2 ? from[components_ - 1] : 0, 1};
       }

@@ -291,6 +291,7 @@ struct Asset {
   std::vector<u8> latents, network;                  // of 3DNTC, in the resident form
   texf_limits limits = {};
 
+  virtual ~Asset() = default;  // of what is in truth a texf_asset
   bool chooses(size_t attribute) const { return chosen >> std::min<size_t>(attribute, 31) & 1; }
   int levels_left_out(size_t field) const { return std::min(lod, fields[field].depth()); }
   std::vector<u64> cells(size_t field, int shift) const;  // distinct key >> 3 * shift, ascending

@@ -16,14 +16,16 @@ constexpr u32 NONE = 0xffffffff;
 #define TEXF_INLINE inline __attribute__((always_inline))  // vectors are not passed between code for different processors
 constexpr i64 LARGEST = 1 << 22;
 
-#if defined(__wasm__)
+#if defined(__wasm_simd128__)
 constexpr int LANES = 4;
+#elif defined(__wasm__)
+constexpr int LANES = 1;
 #else
 constexpr int LANES = 8;
 #endif
 typedef i32 Lanes __attribute__((vector_size(4 * LANES)));
 typedef i32 Four __attribute__((vector_size(16)));
-constexpr int REALS = LANES / 2;
+constexpr int REALS = LANES > 1 ? LANES / 2 : 1;
 typedef double Reals __attribute__((vector_size(8 * REALS)));
 typedef i32 Whole __attribute__((vector_size(4 * REALS)));
 

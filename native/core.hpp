@@ -2,10 +2,15 @@
 #pragma once
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <cstring>
+#include <exception>
 #include <memory>
 #include <string>
+#if defined(__cpp_exceptions)
+#include <thread>
+#endif
 #include <vector>
 
 #include "texf.h"
@@ -20,6 +25,19 @@ using i8 = int8_t;
 using i16 = int16_t;
 using i32 = int32_t;
 using i64 = int64_t;
+
+// Arrays that resize() does not set to 0.
+template <typename T>
+struct Unset : std::allocator<T> {
+  template <typename U>
+  struct rebind { using other = Unset<U>; };
+  template <typename U>
+  void construct(U* place) { ::new (static_cast<void*>(place)) U; }
+  template <typename U, typename... Of>
+  void construct(U* place, Of&&... of) { ::new (static_cast<void*>(place)) U(std::forward<Of>(of)...); }
+};
+template <typename T>
+using Array = std::vector<T, Unset<T>>;
 
 // ---- Refusals. Where there are no exceptions the refusal is kept and the program stops: who runs a sandbox looks there.
 
@@ -43,6 +61,43 @@ inline void require_equal(u64 value, u64 coded, Finding finding, const char* sen
 }
 inline void within(u64 count, u64 limit, Finding finding, const char* sentence) {
   if (limit > 0 && count > limit) fail_value(finding, count, limit, sentence);
+}
+
+// Calls what(0) to what(count - 1) on up to `threads` threads. All are called, then the first by number that has thrown is thrown on.
+template <typename What>
+void side_by_side(int threads, size_t count, const What& what) {
+#if defined(__cpp_exceptions)
+  if (threads > 1 && count > 1) {
+    std::atomic<size_t> next{0};
+    std::vector<std::exception_ptr> thrown(count);
+    auto work = [&] {
+      for (size_t i; (i = next++) < count;) try {
+          what(i);
+        } catch (...) {
+          thrown[i] = std::current_exception();
+        }
+    };
+    std::vector<std::thread> others;
+    others.reserve(threads);
+    try {
+      while (others.size() + 1 < std::min(count, size_t(threads))) others.emplace_back(work);
+    } catch (...) {  // fewer threads, then
+    }
+    work();
+    for (std::thread& other : others) other.join();
+    for (const std::exception_ptr& one : thrown)
+      if (one) std::rethrow_exception(one);
+    return;
+  }
+#endif
+  for (size_t i = 0; i < count; i++) what(i);
+}
+
+// The same by pieces: what(first, end).
+template <typename What>
+void by_pieces(int threads, size_t count, const What& what) {
+  size_t pieces = threads > 1 ? std::min<size_t>(count, 4 * threads) : 1;
+  side_by_side(threads, pieces, [&](size_t n) { what(count * n / pieces, count * (n + 1) / pieces); });
 }
 
 // ---- 4.1
@@ -79,15 +134,14 @@ void sort_keys(std::vector<u64>& keys);  // ascending; by bytes, for many
 // ---- 7.6: the range decoder and its contexts, which 8.4 and 11.9 use too
 
 struct Context {
-  u32 fast = 1 << 21;
-  u32 slow : 24, count : 8;
-  Context() : slow(1 << 21), count(0) {}
+  u32 fast = 1 << 21, rest = 1 << 21;  // rest: slow, 24 bits, and the count
+  u32 slow() const { return rest & 0xffffff; }
   template <int most>
   void adapt(int bit) {
-    i32 target = bit * ((1 << 22) - 1), rate = 32 - __builtin_clz(count + 1);
+    i32 target = bit * ((1 << 22) - 1), now = i32(slow());
+    u32 count = rest >> 24, rate = 32 - __builtin_clz(count + 1);
     fast += (target - i32(fast)) >> (rate < most ? rate : most);
-    slow = i32(slow) + ((target - i32(slow)) >> rate);
-    if (count < 63) count = count + 1;
+    rest = u32(now + ((target - now) >> rate)) | (count < 63 ? count + 1 : count) << 24;
   }
 };
 
@@ -99,24 +153,20 @@ class RangeDecoder {
     code_ = std::min<u32>(code_, 0xfffffffe);
   }
   int split(u32 bound) {
-    int bit = code_ < bound;
-    if (bit) {
-      range_ = bound;
-    } else {
-      code_ -= bound;
-      range_ -= bound;
-    }
+    u32 bit = code_ < bound, without = bit - 1;  // no branch that is hard to foresee
+    code_ -= bound & without;
+    range_ = (bound & ~without) | ((range_ - bound) & without);
     while (range_ < 1u << 24) {
       range_ <<= 8;
       code_ = code_ << 8 | next();
     }
-    return bit;
+    return int(bit);
   }
   int likely(u32 p) { return split((range_ >> 16) * p); }
   int bypass() { return split(range_ >> 1); }
   template <int most = 3>
   int bit(Context& context) {
-    int bit_read = likely(clip(24, 65512, (context.fast + context.slow) >> 7));
+    int bit_read = likely(clip(24, 65512, (context.fast + context.slow()) >> 7));
     context.adapt<most>(bit_read);
     return bit_read;
   }
@@ -219,7 +269,7 @@ struct AttributeUnit {
 };
 
 struct Asset {
-  int position_bits = 0, lod = 0;
+  int position_bits = 0, lod = 0, threads = 1;
   u32 chosen = ~0u;  // attribute units that are decoded
   double origin[3] = {0, 0, 0}, side = 0;
   std::vector<ChannelGroup> groups;
@@ -241,6 +291,7 @@ struct Asset {
   std::vector<u8> latents, network;                  // of 3DNTC, in the resident form
   texf_limits limits = {};
 
+  virtual ~Asset() = default;  // of what is in truth a texf_asset
   bool chooses(size_t attribute) const { return chosen >> std::min<size_t>(attribute, 31) & 1; }
   int levels_left_out(size_t field) const { return std::min(lod, fields[field].depth()); }
   std::vector<u64> cells(size_t field, int shift) const;  // distinct key >> 3 * shift, ascending
@@ -250,7 +301,7 @@ struct Asset {
 std::unique_ptr<Asset> read_stream(const u8* data, size_t size, const texf_limits& limits);  // steps 1 to 5 of 9.2
 void decode_geometry(GeometryUnit& unit, int position_bits);                                // 5.6
 
-std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_limits& limits, u32 chosen);  // 9.2, 8.3
+std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_limits& limits, u32 chosen, int threads);  // 9.2, 8.3
 
 // ---- surface.cpp
 void count_samples(Asset& asset);                                                           // 10.1
@@ -263,7 +314,7 @@ std::vector<std::vector<float>> shading_normals(const Asset& asset);            
 // ---- values.cpp
 struct Octree;  // 7.1
 std::shared_ptr<Octree> octree_of(const std::vector<u64>& cells, int depth, bool planar);
-std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod);  // 7
+std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod, int threads);  // 7
 
 class Network {  // 11
  public:

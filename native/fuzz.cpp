@@ -29,7 +29,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size) {
   if (size > 8) mend(data);
   texf_limits limits = {1 << 16, 1 << 14, 1 << 14, 1 << 16, 1 << 18, 1 << 20, 1 << 16, 1 << 12};
   texf_asset* asset;
-  if (texf_decode(data.data(), data.size(), size % 3, &limits, &asset, nullptr) != TEXF_OK) return 0;
+  if (texf_decode_threads(data.data(), data.size(), size % 3, &limits, 1 + size % 4, &asset, nullptr) != TEXF_OK) return 0;
   for (int kind = TEXF_DESCRIPTION; kind <= TEXF_IMAGE; kind++)
     for (texf::u32 i = 0; i < 3; i++)
       for (texf::u32 j = 0; j < 3; j++) {

@@ -207,12 +207,25 @@ int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* li
   return texf_decode_chosen(data, size, lod, limits, ~0u, asset, refusal);
 }
 
-int texf_decode_chosen(const uint8_t* data, size_t size, int lod, const texf_limits* limits, uint32_t chosen, texf_asset** asset,
-                       texf_refusal* refusal) {
+namespace {
+int decode_guarded(Bytes data, int lod, const texf_limits* limits, u32 chosen, int threads, texf_asset** asset, texf_refusal* refusal) {
   *asset = nullptr;
-  texf_refusal found = guarded([&] { *asset = static_cast<texf_asset*>(decode(data, size, lod, limits ? *limits : texf_usual_limits(), chosen).release()); });
+  texf_refusal found = guarded([&] {
+    *asset = static_cast<texf_asset*>(decode(data.data, data.size, lod, limits ? *limits : texf_usual_limits(), chosen, threads).release());
+  });
   if (refusal) *refusal = found;
   return found.finding / 100;
+}
+}  // namespace
+
+int texf_decode_chosen(const uint8_t* data, size_t size, int lod, const texf_limits* limits, uint32_t chosen, texf_asset** asset,
+                       texf_refusal* refusal) {
+  return decode_guarded({data, size}, lod, limits, chosen, 1, asset, refusal);
+}
+
+int texf_decode_threads(const uint8_t* data, size_t size, int lod, const texf_limits* limits, int threads, texf_asset** asset,
+                        texf_refusal* refusal) {
+  return decode_guarded({data, size}, lod, limits, ~0u, std::min(threads, 256), asset, refusal);
 }
 
 void texf_free(texf_asset* asset) { delete asset; }

@@ -24,10 +24,10 @@ void fail_value(Finding finding, u64 value, u64 allowed, const char* sentence) {
 }
 
 i64 isqrt(i64 v) {
-  i64 r = i64(std::sqrt(double(v)));
-  while (r > 0 && r > v / r) r--;
-  while (r + 1 <= v / (r + 1)) r++;
-  return r;
+  u64 r = u64(std::sqrt(double(v)));
+  while (r * r > u64(v)) r--;
+  while ((r + 1) * (r + 1) <= u64(v)) r++;
+  return i64(r);
 }
 
 u32 crc32(const void* data, size_t size, u32 before) {
@@ -664,54 +664,59 @@ namespace {
 
 // ---- Steps 6 and 7 of 9.2
 
+void decode_field(Asset& asset, size_t i, size_t next, size_t end, int threads) {  // and its attribute units
+  Field& field = asset.fields[i];
+  field.keys = field.planar ? referenced_texels(asset, i) : active_voxels(asset, i, field.resolution, field.area_threshold);
+  require_equal(field.keys.size(), field.num_keys, S30, "num_keys does not match");
+  require(crc32(field.keys.data(), 8 * field.keys.size()) == field.keys_crc, S30, "keys_crc does not match");
+  std::shared_ptr<Octree> octree;  // of groups with the same level_shift, one after the other
+  int shift = -1;
+  for (; next < end; next++) {
+    const AttributeUnit& unit = asset.attributes[next];
+    if (unit.codec == NEURAL || !asset.chooses(next)) continue;
+    int lod = std::min(std::max(asset.lod - unit.level_shift, 0), unit.depth);
+    std::vector<u8> values;
+    if (unit.codec == CONSTANT) {
+      size_t count = asset.cells(i, unit.level_shift + lod).size();
+      for (size_t n = 0; n < count; n++) values.insert(values.end(), unit.plane_value, unit.plane_value + unit.components);
+    } else {
+      if (shift != unit.level_shift) octree = octree_of(asset.cells(i, shift = unit.level_shift), unit.depth, unit.planar);
+      values = decode_raht(unit, *octree, lod, threads);
+    }
+    require(lod > 0 || crc32(values.data(), values.size()) == unit.values_crc, S32, "values_crc does not match");
+    asset.values[i][unit.group] = std::move(values);
+  }
+}
+
 void decode_fields(Asset& asset) {
   count_samples(asset);
   asset.values.assign(asset.fields.size(), std::vector<std::vector<u8>>(asset.groups.size()));
   asset.level_shift.assign(asset.fields.size() * asset.groups.size(), 0);
-  size_t next = 0;
+  std::vector<size_t> first{0};  // attribute unit of every field, and one more
+  std::vector<size_t> wanted;    // fields
   for (size_t i = 0; i < asset.fields.size(); i++) {
-    Field& field = asset.fields[i];
-    size_t end = next;
-    bool wanted = false;
+    size_t end = first.back();
+    bool some = false;
     for (; end < asset.attributes.size() && asset.attributes[end].field == i; end++) {
       asset.level_shift[i * asset.groups.size() + asset.attributes[end].group] = asset.attributes[end].level_shift;
-      wanted = wanted || asset.chooses(end);
+      some = some || asset.chooses(end);
     }
-    if (next < end && !wanted) {
-      next = end;
-      continue;
-    }
-    field.keys = field.planar ? referenced_texels(asset, i) : active_voxels(asset, i, field.resolution, field.area_threshold);
-    require_equal(field.keys.size(), field.num_keys, S30, "num_keys does not match");
-    require(crc32(field.keys.data(), 8 * field.keys.size()) == field.keys_crc, S30, "keys_crc does not match");
-    std::shared_ptr<Octree> octree;  // of groups with the same level_shift, one after the other
-    int shift = -1;
-    for (; next < end; next++) {
-      const AttributeUnit& unit = asset.attributes[next];
-      if (unit.codec == NEURAL || !asset.chooses(next)) continue;
-      int lod = std::min(std::max(asset.lod - unit.level_shift, 0), unit.depth);
-      std::vector<u8> values;
-      if (unit.codec == CONSTANT) {
-        size_t count = asset.cells(i, unit.level_shift + lod).size();
-        for (size_t n = 0; n < count; n++) values.insert(values.end(), unit.plane_value, unit.plane_value + unit.components);
-      } else {
-        if (shift != unit.level_shift) octree = octree_of(asset.cells(i, shift = unit.level_shift), unit.depth, unit.planar);
-        values = decode_raht(unit, *octree, lod);
-      }
-      require(lod > 0 || crc32(values.data(), values.size()) == unit.values_crc, S32, "values_crc does not match");
-      asset.values[i][unit.group] = std::move(values);
-    }
+    if (some || first.back() == end) wanted.push_back(i);
+    first.push_back(end);
   }
+  int threads = wanted.size() > 1 ? std::max<int>(1, asset.threads / int(wanted.size())) : asset.threads;
+  side_by_side(asset.threads, wanted.size(), [&](size_t n) { decode_field(asset, wanted[n], first[wanted[n]], first[wanted[n] + 1], threads); });
   if (asset.attributes.size() == 1 && asset.attributes[0].codec == NEURAL && asset.chooses(0)) decode_neural(asset);
 }
 
 }  // namespace
 
-std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_limits& limits, u32 chosen) {
+std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_limits& limits, u32 chosen, int threads) {
   std::unique_ptr<Asset> asset = read_stream(data, size, limits);
   asset->chosen = chosen;
   asset->lod = std::max(lod, 0);
-  for (GeometryUnit& unit : asset->units) decode_geometry(unit, asset->position_bits);
+  asset->threads = threads;
+  side_by_side(threads, asset->units.size(), [&](size_t i) { decode_geometry(asset->units[i], asset->position_bits); });
   if (asset->has_marks) decode_marks(*asset);
   if (asset->has_normals) decode_normals(*asset);
   decode_fields(*asset);

@@ -37,6 +37,10 @@ int texf_decode(const uint8_t* data, size_t size, int lod, const texf_limits* li
    side, each its part: no unit needs another. */
 int texf_decode_chosen(const uint8_t* data, size_t size, int lod, const texf_limits* limits, uint32_t chosen, texf_asset** asset,
                        texf_refusal* refusal);
+
+/* As texf_decode(), on up to `threads` threads: the same values, and the same refusal. */
+int texf_decode_threads(const uint8_t* data, size_t size, int lod, const texf_limits* limits, int threads, texf_asset** asset,
+                        texf_refusal* refusal);
 void texf_free(texf_asset* asset);
 
 /* Arrays of an asset, in the machine's byte order (little endian wherever this has been built). */

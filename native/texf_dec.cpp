@@ -1,4 +1,4 @@
-// The decoder as a command, as conformance/run.py asks of any:  texf_dec IN.texf OUT_DIR [--lod L] [--queries FILE]
+// The decoder as a command, as conformance/run.py asks of any:  texf_dec IN.texf OUT_DIR [--lod L] [--queries FILE] [--threads N]
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -289,16 +289,17 @@ void write_answers(const Asset& asset, const std::string& folder, const std::vec
 
 int main(int argc, char** argv) {
   const char *paths[2] = {}, *queries = nullptr;
-  int lod = 0, count = 0;
+  int lod = 0, count = 0, threads = 1;
   for (int i = 1; i < argc; i++) {
     std::string word = argv[i];
     if (word == "--lod" && i + 1 < argc) lod = atoi(argv[++i]);
+    else if (word == "--threads" && i + 1 < argc) threads = atoi(argv[++i]);
     else if (word == "--queries" && i + 1 < argc) queries = argv[++i];
     else if (count < 2) paths[count++] = argv[i];
     else count = 3;
   }
   if (count < 1 || count > 2) {
-    fprintf(stderr, "usage: texf_dec IN.texf [OUT_DIR] [--lod L] [--queries FILE]\n");
+    fprintf(stderr, "usage: texf_dec IN.texf [OUT_DIR] [--lod L] [--queries FILE] [--threads N]\n");
     return 1;
   }
   std::vector<u8> data, query_data;
@@ -308,7 +309,7 @@ int main(int argc, char** argv) {
   }
   texf_asset* asset;
   texf_refusal refusal;
-  int code = texf_decode(data.data(), data.size(), lod, nullptr, &asset, &refusal);
+  int code = texf_decode_threads(data.data(), data.size(), lod, nullptr, threads, &asset, &refusal);
   if (code != TEXF_OK) {
     fprintf(stderr, "TXF-%c%02d: %s\n", "---SCUL"[code], refusal.finding % 100, refusal.sentence);
     return code;

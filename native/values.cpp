@@ -7,7 +7,38 @@ namespace {
 constexpr u32 NONE = 0xffffffff;
 // Called by itself: engines of WebAssembly begin with slow code and take better code at the next call, never in the middle of one.
 #define TEXF_OFTEN __attribute__((noinline))
+// Of vectors: compiled twice where the loader chooses by the processor.
+#if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define TEXF_VECTORS __attribute__((noinline, target_clones("avx2", "default")))
+#else
+#define TEXF_VECTORS TEXF_OFTEN
+#endif
+#define TEXF_INLINE inline __attribute__((always_inline))  // vectors are not passed between code for different processors
 constexpr i64 LARGEST = 1 << 22;
+
+#if defined(__wasm_simd128__)
+constexpr int LANES = 4;
+#elif defined(__wasm__)
+constexpr int LANES = 1;
+#else
+constexpr int LANES = 8;
+#endif
+typedef i32 Lanes __attribute__((vector_size(4 * LANES)));
+typedef i32 Four __attribute__((vector_size(16)));
+constexpr int REALS = LANES > 1 ? LANES / 2 : 1;
+typedef double Reals __attribute__((vector_size(8 * REALS)));
+typedef i32 Whole __attribute__((vector_size(4 * REALS)));
+
+template <typename V>
+TEXF_INLINE V loaded(const void* from) {
+  V v;
+  memcpy(&v, from, sizeof v);
+  return v;
+}
+template <typename V>
+TEXF_INLINE V absolute(V v) { return v < 0 ? -v : v; }
+template <typename V>
+TEXF_INLINE V least(V a, V b) { return a < b ? a : b; }
 
 // ---- Small functions and tables of clause 7
 
@@ -44,6 +75,14 @@ struct Tables {
 };
 const Tables tables;
 
+const std::array<std::array<u32, 64 * 64>, 2> gains = [] {  // by half, and weights of 1 to 64
+  std::array<std::array<u32, 64 * 64>, 2> g;
+  for (int a = 1; a <= 64; a++)
+    for (int b = 1; b <= 64; b++)
+      for (int half = 0; half < 2; half++) g[half][64 * (a - 1) + b - 1] = u32(isqrt((i64(a + b) << (34 - half)) / (a * b)));
+  return g;
+}();
+
 int ones(u32 mask) {  // of eight bits
   static const u8 nibble[16] = {0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4};
   return nibble[mask & 15] + nibble[mask >> 4];
@@ -59,23 +98,33 @@ i64 quotient(i64 a, i64 b) { return b < 1 << 20 && magnitude(a) < b << 23 ? by_r
 
 // ---- 7.6.4
 
+// Numbers in binary64, where all of them are exact.
 struct WeightSet {
   i32 weight[8], bias = 0, count = 0;
   WeightSet() { std::fill(weight, weight + 8, 13107); }
+  Reals weights(int i) const { return __builtin_convertvector(loaded<Whole>(weight + i), Reals); }
   template <int m>
-  i32 output(const i32* s) const {
-    i64 sum = i64(bias) * 256;
-    for (int i = 0; i < m; i++) sum += i64(weight[i]) * s[i];
-    return i32(clip(-2816, 2816, sum >> 16));
+  TEXF_INLINE i32 output(const Reals* s) const {
+    Reals sums = weights(0) * s[0];
+    for (int i = REALS; i < m; i += REALS) sums += weights(i) * s[i / REALS];
+    double sum = 256.0 * bias;
+    for (int l = 0; l < REALS; l++) sum += sums[l];
+    return i32(clip(-2816, 2816, i64(sum) >> 16));
   }
   template <int m>
-  void learn(const i32* s, i32 y, int bit) {
-    i64 error = (65536 * bit - tables.squash[y + 2816]) * tables.learning[count];
-    for (int i = 0; i < m; i++) weight[i] = limited(weight[i] + ((s[i] * error + (1 << 19)) >> 20));
-    bias = limited(bias + ((256 * error + (1 << 19)) >> 20));
+  TEXF_INLINE void learn(const Reals* s, i32 y, int bit) {
+    i32 error = (65536 * bit - tables.squash[y + 2816]) * tables.learning[count];
+    double part = error / 1048576.0;
+    const Reals most = Reals{} + 1048576.0;
+    for (int i = 0; i < m; i += REALS) {
+      Reals change = s[i / REALS] * part + 1.0 / 2097152, w = weights(i) + ((change + 6755399441055744.0) - 6755399441055744.0);  // nearest, never a tie
+      w = least<Reals>(w < -most ? -most : w, most);
+      Whole kept = __builtin_convertvector(w, Whole);
+      memcpy(weight + i, &kept, sizeof kept);
+    }
+    bias = i32(clip(-(1 << 20), 1 << 20, bias + ((256 * i64(error) + (1 << 19)) >> 20)));
     count = std::min(count + 1, 1521);
   }
-  static i32 limited(i64 w) { return i32(clip(-(1 << 20), 1 << 20, w)); }
 };
 
 class Mixer {  // contexts of several kinds of bits, each with its models, and what mixes them
@@ -98,13 +147,15 @@ class Mixer {  // contexts of several kinds of bits, each with its models, and w
   }
   // numbers: the context of each of m models
   template <int m>
-  TEXF_OFTEN int bit(RangeDecoder& decoder, int kind, const u32* numbers, u32 first, u32 second, u32 refinement) {
+  TEXF_VECTORS int bit(RangeDecoder& decoder, int kind, const u32* numbers, u32 first, u32 second, u32 refinement) {
     Context* context[m];
-    i32 s[m];
+    i32 stretched[8] = {};
     for (int i = 0; i < m; i++) {
       context[i] = &contexts_[starts_[kind][i] + numbers[i]];
-      s[i] = tables.stretch[(context[i]->fast + context[i]->slow) >> 11];
+      stretched[i] = tables.stretch[(context[i]->fast + context[i]->slow()) >> 11];
     }
+    Reals s[8 / REALS];
+    for (int i = 0; i < 8; i += REALS) s[i / REALS] = __builtin_convertvector(loaded<Whole>(stretched + i), Reals);
     WeightSet &a = sets_[first], &b = sets_[second];
     i32 x1 = a.output<m>(s), x2 = b.output<m>(s), x = ((x1 + x2) >> 1) + 2816;
     i32* entry = &refinements_[refinement][x >> 8];
@@ -135,24 +186,32 @@ enum { FLAG, ZERO, MORE, SIGN };             // 7.5.5
 enum { COUNT = 0 };                          // in 7.11.4 in place of FLAG
 enum { SIZE = 0, RESIDUAL_SIGN = 1 };        // 7.9
 
+struct DctBlock {
+  int count[3];
+  i8 q[3][64];                      // limited to -127..127
+};
+
 struct SliceState {  // what a range is decoded with
   RangeDecoder decoder;
   std::vector<Context> direct, quiet;
   Mixer mixed, dct;
+  std::vector<DctBlock> blocks;
 };
 
 // ---- 7.1. Of the neighbours (x, y, z) of a node number (z + 1) * 9 + (y + 1) * 3 + x + 1 stands in its row, or without z over texels
 
 struct Level {
-  std::vector<u32> first_child, parent, weight;
+  std::vector<u32> first_child;
+  Array<u32> parent, weight;
   std::vector<u8> children;          // a bit for every octant
-  std::vector<u32> rows;             // neighbours of every node, once they are asked for
+  std::vector<u8> cell;              // of texels alone: 8 * y + x in the square of 8 x 8
+  Array<u32> rows;                   // neighbours of every node, once they are asked for
   // of the attribute that is decoded
   std::vector<u8> energy;            // two planes
-  std::vector<i32> mean;             // [nodes, components]
-  std::vector<i8> q;                 // 7.11.2: q[1], q[3], q[4] of every component, limited to -2..2
+  Array<i32> mean;                   // [nodes, components]
+  Array<i8> q;                       // 7.11.2: q[1], q[3], q[4] of every component, limited to -2..2
   std::vector<u32> dct;              // 7.11.4: the number of the node's DCT block
-  std::vector<bool> known;           // below one
+  std::vector<u8> known;             // below one
   size_t count() const { return parent.size(); }
   u32 child(u32 node, int octant) const {
     return children[node] >> octant & 1 ? first_child[node] + ones(children[node] & ((1u << octant) - 1)) : NONE;
@@ -175,11 +234,9 @@ struct Shape {  // what depends on the support alone
   };
   Direction direction[27];
   u8 place[27][8];  // by direction and octant there
-  u64 bit[27][8];   // of the place, 0 outside
+  u8 inside[27];    // octants of the places
   u8 own[8];        // the place of an own child
   int step[27];     // from a place to the one in that direction
-  u64 window[8];    // by own child: all of its rings
-  u64 ring[8][3];   // by own child: the places around it with one, two and three steps to go, over texels with 1, 2 and two in line
 
   explicit Shape(bool planar) : row(planar ? 9 : 27), axes(planar ? 2 : 3), reach(planar ? 2 : 1), side(2 + 2 * reach) {
     const int strides[3] = {1, side, planar ? 0 : side * side};
@@ -213,25 +270,18 @@ struct Shape {  // what depends on the support alone
         d.facing |= (count > 0) << child;
       }
       step[n] = d.x + side * d.y + strides[2] * d.z;
+      inside[n] = 0;
       for (int octant = 0; octant < 8; octant++) {
-        bool inside = octant < 1 << axes;
+        bool here = octant < 1 << axes;
         int to = own[0];
         for (int axis = 0; axis < axes; axis++) {
           int v = 2 * at[axis] + (octant >> axis & 1);
-          inside = inside && v >= -reach && v <= reach + 1;
+          here = here && v >= -reach && v <= reach + 1;
           to += v * strides[axis];
         }
-        place[n][octant] = inside ? u8(to) : 64;
-        bit[n][octant] = inside ? 1ull << to : 0;
+        place[n][octant] = here ? u8(to) : 64;
+        inside[n] |= here << octant;
       }
-    }
-    for (int octant = 0; octant < 1 << axes; octant++) {
-      std::fill(ring[octant], ring[octant] + 3, 0);
-      for (int n = 0; n < row; n++)
-        if (direction[n].nonzero) ring[octant][direction[n].nonzero - 1] |= 1ull << (own[octant] + step[n]);
-      if (planar)
-        for (int far : {-2, 2, -2 * side, 2 * side}) ring[octant][2] |= 1ull << (own[octant] + far);
-      window[octant] = ring[octant][0] | ring[octant][1] | ring[octant][2];
     }
   }
   int self() const { return row / 2; }
@@ -250,6 +300,8 @@ std::shared_ptr<Octree> octree_of(const std::vector<u64>& keys, int depth, bool 
   std::vector<u64> values = keys;
   levels[depth].parent.resize(keys.size());
   levels[depth].weight.assign(keys.size(), 1);
+  for (size_t n = 0; n < keys.size() && planar; n++)
+    levels[depth].cell.push_back(u8((keys[n] & 1) | (keys[n] >> 2 & 2) | (keys[n] >> 4 & 4) | (keys[n] << 2 & 8) | (keys[n] & 16) | (keys[n] >> 2 & 32)));
   for (int l = depth; l > 0; l--) {
     Level &lower = levels[l], &upper = levels[l - 1];
     std::vector<u64> above;
@@ -275,22 +327,27 @@ std::shared_ptr<Octree> octree_of(const std::vector<u64>& keys, int depth, bool 
 namespace {
 
 // Rows of the neighbours of all nodes of a level from those of its parents.
-void find_neighbours(const Level& upper, const Shape& shape, Level& level) {
+void find_neighbours(const Level& upper, const Shape& shape, Level& level, int threads) {
   level.rows.resize(level.count() * shape.row);
-  u32 *to = level.rows.data(), around[65];  // by place; the last is what lies outside
-  for (u32 p = 0; p < upper.count(); p++) {
-    const u32* row = &upper.rows[size_t(p) * shape.row];
-    std::fill(around, around + 64, NONE);
-    for (int n = 0; n < shape.row; n++) {
-      if (row[n] == NONE) continue;
-      u32 child = upper.first_child[row[n]];
-      for (int left = upper.children[row[n]]; left; left &= left - 1) around[shape.place[n][__builtin_ctz(left)]] = child++;
+  by_pieces(threads, upper.count(), [&](size_t first, size_t end) {
+    u32 around[64];  // by place
+    for (size_t p = first; p < end; p++) {
+      const u32* row = &upper.rows[p * shape.row];
+      u32* to = &level.rows[size_t(upper.first_child[p]) * shape.row];
+      std::fill(around, around + 64, NONE);
+      for (int n = 0; n < shape.row; n++) {
+        if (row[n] == NONE) continue;
+        for (int left = upper.children[row[n]] & shape.inside[n]; left; left &= left - 1) {
+          int octant = __builtin_ctz(left);
+          around[shape.place[n][octant]] = upper.child(row[n], octant);
+        }
+      }
+      for (int left = upper.children[p]; left; left &= left - 1) {
+        const u32* own = around + shape.own[__builtin_ctz(left)];
+        for (int n = 0; n < shape.row; n++) *to++ = own[shape.step[n]];
+      }
     }
-    for (int left = upper.children[p]; left; left &= left - 1) {
-      const u32* own = around + shape.own[__builtin_ctz(left)];
-      for (int n = 0; n < shape.row; n++) *to++ = own[shape.step[n]];
-    }
-  }
+  });
 }
 
 // ---- 7.2 to 7.6
@@ -320,17 +377,13 @@ struct Plane {  // what the contexts of a plane know
   int expected[3][7], down[3][7];   // -1 before they are asked
 };
 
-struct DctBlock {
-  int count[3];
-  i8 q[3][64];                      // limited to -127..127
-};
-
 template <int components_>
 class Raht {
   using Block = texf::Block<components_>;
 
  public:
-  Raht(const AttributeUnit& unit, Octree& octree) : unit_(unit), shape_(octree.shape), models_(unit.num_models), levels_(octree.levels) {
+  Raht(const AttributeUnit& unit, Octree& octree, int threads)
+      : unit_(unit), shape_(octree.shape), models_(unit.num_models), threads_(threads), levels_(octree.levels) {
     for (Level& level : levels_) {
       level.mean.resize(level.count() * components_);
       level.energy.assign(2 * level.count(), 0);
@@ -344,10 +397,13 @@ class Raht {
     }
     // sums of differences that classes 1 to 4 of 7.7 begin with, by neighbour
     for (int class_ = 1; class_ < 5; class_++) least_[class_ - 1] = i32(ceil_div(2ll << (class_ + 28), inverse_[0]));
+    for (int n = 0; n < shape_.row; n++)
+      for (int octant = 0; octant < 8; octant++) {
+        const Shape::Direction& d = shape_.direction[n];
+        for (int i = 0; i < d.touches[octant]; i++) kernels_[n][octant][d.touch[octant][i].octant] = unit.kernel[3 + d.touch[octant][i].steps];
+        if (d.nonzero > 0 && d.octants >> octant & 1) kernels_[n][8][octant] = unit.kernel[d.nonzero];
+      }
     if (unit.colour_range > 0) falloff_inverse_ = (1ll << 32) / (unit.colour_range * step_[0]);
-    for (int a = 1; a <= 64; a++)
-      for (int b = 1; b <= 64; b++)
-        for (int half = 0; half < 2; half++) gains_[half][64 * (a - 1) + b - 1] = u32(isqrt((i64(a + b) << (34 - half)) / (a * b)));
   }
 
   std::vector<u8> decode(int lod) {
@@ -359,7 +415,7 @@ class Raht {
       require(unit_.slice_first.back() < levels_[unit_.slice_level].count(), S12, "a slice begins past the last node of its level");
     std::vector<Range> ranges{{0, 1}};
     for (d_ = 0; d_ < last; d_++) {
-      if (levels_[d_].rows.empty()) find_neighbours(levels_[d_ - 1], shape_, levels_[d_]);
+      if (levels_[d_].rows.empty()) find_neighbours(levels_[d_ - 1], shape_, levels_[d_], threads_);
       rows_ = levels_[d_].rows.data();
       if (unit_.slice_level == 0 || d_ < unit_.slice_level) {
         ranges = {{0, u32(levels_[d_].count())}};
@@ -379,10 +435,12 @@ class Raht {
       lower_ = &levels_[d_ + 1];
       upper_ = d_ > 0 ? &levels_[d_ - 1] : nullptr;
       level_class_ = std::min(depth - 1 - d_, 3);
-      above_.assign(2 * level_->count(), 0);
-      for (u32 node = 0; node < level_->count() && upper_; node++) memcpy(&above_[2 * size_t(node)], &upper_->energy[2 * size_t(level_->parent[node])], 2);
+      std::vector<u8> above(2 * level_->count(), 0);
+      above_ = above.data();
+      for (u32 node = 0; node < level_->count() && upper_; node++) memcpy(&above[2 * size_t(node)], &upper_->energy[2 * size_t(level_->parent[node])], 2);
       if (unit_.planar && models_ > 0) level_->q.assign(level_->count() * components_ * 3, 0);
-      for (size_t s = 0; s < ranges.size(); s++) decode_range(ranges[s], states[s]);
+      if (unit_.dct_blocks && depth - d_ == 3) prepare_dct();
+      side_by_side(threads_, ranges.size(), [&](size_t s) { Raht(*this).decode_range(ranges[s], states[s]); });
     }
     Level& level = levels_[last];
     if (lod == 0 && depth > 0) filter(level);
@@ -391,7 +449,7 @@ class Raht {
       ranges = ranges_below(ranges, levels_[depth - 1]);
       std::vector<u8> x = values;
       std::vector<i16> k(values.size(), 0);
-      for (size_t s = 0; s < ranges.size(); s++) residuals(ranges[s], states[s].decoder, x, values, k);
+      side_by_side(threads_, ranges.size(), [&](size_t s) { residuals(ranges[s], states[s].decoder, x, values, k); });
     }
     return values;
   }
@@ -494,61 +552,63 @@ class Raht {
   bool decoded(u32 other, u32 node) const { return other >= range_.first && other < node; }
 
   // 7.3 and, in passing, what 7.4.4 and 7.5.1 find around a block
-  void predict(Block& block) const {
+  TEXF_VECTORS void predict(Block& block) const {
+    if (unit_.planar) predict_octants<4>(block);
+    else predict_octants<8>(block);
+  }
+
+  template <int octants>
+  TEXF_INLINE void predict_octants(Block& block) const {
+    constexpr int vectors = octants / REALS;
     const i32* own = mean_of(*level_, block.node);
-    i32 total[8];
-    i64 sum[8][components_] = {};  // of differences from the node's own mean
-    std::fill(total, total + 8, 64 * unit_.kernel[0]);
+    Reals total[vectors], sum[components_][vectors] = {};  // by octant, of differences from the node's own mean: whole numbers below 2^53
+    for (Reals& t : total) t = Reals{} + 64.0 * unit_.kernel[0];
     for (int k = 0; k < 2; k++) block.far[k] = 3 * above(block.node, k);
-    auto find = [&](const i32* mean) {  // falloff
+    auto add = [&](const i32* mean, const double* kernel) __attribute__((always_inline)) {
       i32 *delta = block.around[block.num_around++], difference = 0;
       for (int c = 0; c < components_; c++) difference += std::abs(delta[c] = mean[c] - own[c]);
-      return falloff_inverse_ == 0 ? 64 : i32(FALLOFF_TABLE[std::min<i64>(30, (difference * falloff_inverse_) >> 28)]);
-    };
-    auto add = [&](int octant, i32 w) {
-      const i32* delta = block.around[block.num_around - 1];
-      total[octant] += w;
-      for (int c = 0; c < components_; c++) sum[octant][c] += i64(w) * delta[c];
+      double falloff = falloff_inverse_ == 0 ? 64 : FALLOFF_TABLE[std::min<i64>(30, (difference * falloff_inverse_) >> 28)];
+      for (int i = 0; i < vectors; i++) {
+        Reals w = loaded<Reals>(kernel + i * REALS) * falloff;
+        total[i] += w;
+        for (int c = 0; c < components_; c++) sum[c][i] += w * double(delta[c]);
+      }
     };
     const u32* row = row_of(block.node);
-    for (int n = 0; n < shape_.row; n++) {
+    for (int n = 0; n < (octants == 4 ? 9 : 27); n++) {
       u32 other = row[n];
       if (other == NONE || other == block.node) continue;
       const Shape::Direction& d = shape_.direction[n];
       bool before = decoded(other, block.node);
       if (d.nonzero < 3) {
         u32 w = 3 - d.nonzero;
-        const u8* energy = &(before ? level_->energy : above_)[2 * size_t(other)];
+        const u8* energy = (before ? level_->energy.data() : above_) + 2 * size_t(other);
         for (int k = 0; k < 2; k++) (before ? block.near : block.far)[k] += w * energy[k];
         (before ? block.near_weight : block.far_weight) += w;
       }
       if (!before) {
-        i32 w = unit_.kernel[d.nonzero] * find(mean_of(*level_, other));
-        for (int left = d.octants & block.mask; left; left &= left - 1) add(__builtin_ctz(left), w);
+        add(mean_of(*level_, other), kernels_[n][8]);
         continue;
       }
       int children = level_->children[other];
       for (int left = children & d.facing; left; left &= left - 1) {
         int octant = __builtin_ctz(left);
-        i32 weight = find(mean_of(*lower_, level_->first_child[other] + ones(children & ((1u << octant) - 1))));
-        for (int i = 0; i < d.touches[octant]; i++) {
-          Touch touch = d.touch[octant][i];
-          if (block.mask >> touch.octant & 1) add(touch.octant, unit_.kernel[3 + touch.steps] * weight);
-        }
+        add(mean_of(*lower_, level_->first_child[other] + ones(children & ((1u << octant) - 1))), kernels_[n][octant]);
       }
     }
-    for (int left = block.mask; left; left &= left - 1) {
-      int octant = __builtin_ctz(left);
-      double reciprocal = 1.0 / double(2 * total[octant]);
-      for (int c = 0; c < components_; c++)
-        block.predicted[c][octant] = own[c] + i32(by_reciprocal(2 * sum[octant][c] + total[octant], reciprocal));
+    for (int i = 0; i < vectors; i++) {
+      Reals reciprocal = 1.0 / (2.0 * total[i]);
+      for (int c = 0; c < components_; c++) {  // as by_reciprocal()
+        Whole shift = __builtin_convertvector((2.0 * sum[c][i] + total[i] + 0.5) * reciprocal + 16777216.0, Whole) - (16777216 - own[c]);
+        memcpy(&block.predicted[c][i * REALS], &shift, sizeof shift);
+      }
     }
   }
 
   // ---- 7.4
 
   i64 gain(i64 w1, i64 w2, int half) const {
-    if (w1 <= 64 && w2 <= 64) return gains_[half][64 * (w1 - 1) + w2 - 1];
+    if (w1 <= 64 && w2 <= 64) return gains[half][64 * (w1 - 1) + w2 - 1];
     return isqrt(((w1 + w2) << (34 - half)) / (w1 * w2));
   }
 
@@ -814,89 +874,155 @@ class Raht {
   }
 
   void filter(Level& level) const {
-    const Level& upper = levels_[unit_.depth - 1];
+    int across = std::min(unit_.depth, 3);  // levels from a square of texels to them
     for (const FilterStage& stage : unit_.filters) {
-      const i8* taps_of[15] = {};
+      static const i8 none[5] = {};
+      const i8* taps_of[15];
       int taps = unit_.planar ? 5 : 3, set = 0;
       for (int bit = 0; bit < 5 * components_; bit++)
-        if (stage.mask >> bit & 1) taps_of[bit] = &stage.coefficients[taps * set++];
-      std::vector<i32> filtered = level.mean;
-      for (u32 p = 0; p < upper.count(); p++) {
-        if (unit_.planar) filter_children<true>(level, upper, p, taps_of, filtered.data());
-        else filter_children<false>(level, upper, p, taps_of, filtered.data());
+        taps_of[bit] = stage.mask >> bit & 1 ? &stage.coefficients[taps * set++] : none;
+      if (unit_.planar) {
+        const Level& squares = levels_[unit_.depth - across];
+        Array<i32> means(squares.count() * 64 * components_, ABSENT);
+        by_pieces(threads_, squares.count(), [&](size_t s, size_t end) {
+          for (u32 v = first_below(unit_.depth - across, s); s < end; s++)
+            for (u32 n = 0; n < squares.weight[s]; n++, v++)
+              for (int c = 0; c < components_; c++) means[(s * components_ + c) * 64 + level.cell[v]] = level.mean[size_t(v) * components_ + c];
+        });
+        by_pieces(threads_, squares.count(), [&](size_t s, size_t end) {
+          for (u32 v = first_below(unit_.depth - across, s); s < end; v += squares.weight[s++])
+            filter_square(level, squares, u32(s), v, 1 << across, means.data(), taps_of);
+        });
+      } else {
+        Array<i32> filtered = level.mean;
+        by_pieces(threads_, levels_[unit_.depth - 1].count(), [&](size_t p, size_t end) {
+          for (; p < end; p++) filter_children(level, levels_[unit_.depth - 1], u32(p), taps_of, filtered.data());
+        });
+        level.mean.swap(filtered);
       }
-      level.mean.swap(filtered);
     }
   }
 
-  template <bool planar>
-  TEXF_OFTEN void filter_children(const Level& level, const Level& upper, u32 p, const i8* const* taps_of, i32* filtered) const {
-    constexpr int all = planar ? 15 : 255, side = planar ? 6 : 4;
-    i32 means[65 * components_];  // by place
-    u64 there = 0;
-    const u32* row = row_of(p);
-    for (int n = 0; n < (planar ? 9 : 27); n++) {
+  u32 first_below(int l, size_t node) const {  // voxel or texel of a node of level l
+    u32 n = u32(node);
+    for (; l < unit_.depth; l++) n = levels_[l].first_child[n];
+    return n;
+  }
+
+  static constexpr i32 ABSENT = 1 << 30;
+  static constexpr int WIDE = 16;  // a row of a square and of what is around it
+
+  // means: of every square, component and cell; `first` texel of square s, which has `side` cells on each axis
+  TEXF_VECTORS void filter_square(Level& level, const Level& squares, u32 s, u32 first, int side, const i32* means, const i8* const* taps_of) const {
+    i32 patch[components_][12 * WIDE + 8], out[components_][64], classes[64];
+    const u32* row = &squares.rows[size_t(s) * shape_.row];
+    bool whole = true;
+    for (int n = 0; n < 9; n++) whole = whole && row[n] != NONE && squares.weight[row[n]] == 64;
+    if (!whole) std::fill(patch[0], patch[0] + components_ * (12 * WIDE + 8), ABSENT);
+    for (int n = 0; n < 9; n++) {
       if (row[n] == NONE) continue;
-      const i32* from = mean_of(level, upper.first_child[row[n]]);
-      int children = upper.children[row[n]];
-      if (planar && children == all) {
-        i32* to = means + shape_.place[n][0] * components_;
-        std::copy_n(from, 2 * components_, to);
-        std::copy_n(from + 2 * components_, 2 * components_, to + side * components_);
-        there |= (3ull | 3ull << side) << shape_.place[n][0];
-        continue;
-      }
-      for (int left = children; left; left &= left - 1, from += components_) {
-        int octant = __builtin_ctz(left);
-        std::copy_n(from, components_, means + shape_.place[n][octant] * components_);
-        there |= shape_.bit[n][octant];
-      }
+      int dx = n % 3 - 1, dy = n / 3 - 1, x0 = dx < 0 ? side - 2 : 0, y0 = dy < 0 ? side - 2 : 0, width = dx ? 2 : side, height = dy ? 2 : side;
+      for (int c = 0; c < components_; c++)
+        for (int y = y0; y < y0 + height; y++)
+          copy_row(&patch[c][(side * dy + y + 2) * WIDE + side * dx + x0 + 2], &means[(size_t(row[n]) * components_ + c) * 64 + 8 * y + x0], width);
     }
-    u32 v = upper.first_child[p];
-    for (int children = upper.children[p]; children; children &= children - 1, v++) {
-      int octant = __builtin_ctz(children);
-      const i32 *own = means + shape_.own[octant] * components_, *near[26];
-      i32* out = filtered + size_t(v) * components_;
-      int ends[3];
-      if (planar && (there & shape_.window[octant]) == shape_.window[octant]) {
-        int n = 0;
-        for (int step : {-1, 1, -side, side, -side - 1, 1 - side, side - 1, side + 1, -2, 2, -2 * side, 2 * side}) near[n++] = own + step * components_;
-        filter_one<planar, true>(own, near, ends, taps_of, out);
-        continue;
+    for (int y = 0; y < side; y++)
+      for (int x = 0; x < 8; x += LANES) {
+        if (whole) filter_lanes<true>(&patch[0][(y + 2) * WIDE + x + 2], &out[0][8 * y + x], classes, taps_of);
+        else filter_lanes<false>(&patch[0][(y + 2) * WIDE + x + 2], &out[0][8 * y + x], classes, taps_of);
       }
-      int count = 0;
+    for (u32 n = 0; n < squares.weight[s]; n++)
+      for (int c = 0; c < components_; c++) level.mean[size_t(first + n) * components_ + c] = out[c][level.cell[first + n]];
+  }
+
+  static void copy_row(i32* to, const i32* from, int width) {
+    if (width == 8) memcpy(to, from, 32);
+    else if (width == 2) memcpy(to, from, 8);
+    else memcpy(to, from, 16);
+  }
+
+  // from: the means of a row's lanes, among those of all components around them; to: of the first component
+  template <bool whole>
+  TEXF_INLINE void filter_lanes(const i32* from, i32* to, i32* classes, const i8* const* taps_of) const {
+    static const int steps[12] = {-1, 1, -WIDE, WIDE, -WIDE - 1, 1 - WIDE, WIDE - 1, WIDE + 1, -2, 2, -2 * WIDE, 2 * WIDE};
+    Lanes own = loaded<Lanes>(from);
+    if (!whole) own &= own < ABSENT;
+    Lanes spread_of = own - own, count = spread_of, class_ = spread_of;
+    auto difference_to = [&](const i32* at, int n) __attribute__((always_inline)) {
+      Lanes near = loaded<Lanes>(at + steps[n]);
+      return whole ? near - own : (near - own) & (near < ABSENT);
+    };
+    for (int n = 0; n < 8; n++) {
+      spread_of += absolute(difference_to(from, n));
+      count -= whole ? Lanes(own - own) - 1 : loaded<Lanes>(from + steps[n]) < ABSENT;
+    }
+    if (!whole) count = count < 1 ? own - own + 1 : count;
+    for (i32 least_of : least_) class_ -= spread_of >= least_of * count;
+    memcpy(classes, &class_, sizeof class_);
+    for (int c = 0; c < components_; c++, from += 12 * WIDE + 8, to += 64) {
+      own = loaded<Lanes>(from);
+      if (!whole) own &= own < ABSENT;
+      i32 limit = i32(step_[c] >> 2), tap[5][LANES];
+      for (int l = 0; l < LANES; l++) {
+        const i8* f = taps_of[classes[l] * components_ + c];
+        for (int r = 0; r < 5; r++) tap[r][l] = f[r];
+      }
+      // 512 * high + low is the sum of taps times sums, of which none fits 32 bits
+      Lanes high = own - own, low = high + 256;
+      auto weigh = [&](int r, Lanes sum) __attribute__((always_inline)) {
+        Lanes f = loaded<Lanes>(tap[r]);
+        high += f * (sum >> 9);
+        low += f * (sum & 511);
+      };
       for (int r = 0; r < 3; r++) {
-        for (u64 left = there & shape_.ring[octant][r]; left; left &= left - 1) near[count++] = means + __builtin_ctzll(left) * components_;
-        ends[r] = count;
+        Lanes sum = own - own, limited = sum;
+        for (int n = 4 * r; n < 4 * r + 4; n++) {
+          Lanes difference = difference_to(from, n);
+          sum += difference;
+          if (r < 2) limited += least<Lanes>(difference < -limit ? sum - sum - limit : difference, sum - sum + limit);
+        }
+        weigh(r, sum);
+        if (r < 2) weigh(3 + r, limited);
       }
-      filter_one<planar, false>(own, near, ends, taps_of, out);
+      Lanes value = own + high + (low >> 9), most = own - own + i32(LARGEST);
+      value = least<Lanes>(value < -most ? -most : value, most);
+      memcpy(to, &value, sizeof value);
     }
   }
 
-  // near: the means around, ring after ring; full: four in every ring
-  template <bool planar, bool full>
-  void filter_one(const i32* own, const i32* const* near, const int* ends, const i8* const* taps_of, i32* out) const {
-    auto end = [&](int r) { return full ? 4 * r + 4 : ends[r]; };
-    int count = end(planar ? 1 : 2), class_ = 0;
-    i32 spread_of = 0;
-    for (int n = 0; n < count; n++) spread_of += std::abs(near[n][0] - own[0]);
-    while (class_ < 4 && spread_of >= least_[class_] * std::max(1, count)) class_++;
-    for (int c = 0; c < components_; c++) {
-      const i8* f = taps_of[class_ * components_ + c];
-      if (!f) continue;
-      i64 change = 256;
-      i32 limit = i32(step_[c] >> 2);
-      for (int r = 0, n = 0; r < 3; r++) {
-        i32 sum = 0, limited = 0;
-        for (; n < end(r); n++) {
-          i32 difference = near[n][c] - own[c];
-          sum += difference;
-          if (planar && r < 2) limited += std::max(-limit, std::min(limit, difference));
-        }
-        change += i64(f[r]) * sum;
-        if (planar && r < 2) change += i64(f[3 + r]) * limited;
+  TEXF_OFTEN void filter_children(const Level& level, const Level& upper, u32 p, const i8* const* taps_of, i32* filtered) const {
+    static const i8 steps[26] = {-16, -4, -1, 1, 4, 16, -20, -17, -15, -12, -5, -3, 3, 5, 12, 15, 17, 20, -21, -19, -13, -11, 11, 13, 19, 21};
+    Four means[64] = {};  // by place: components, 1
+    i32 luma[64] = {};    // of the first component
+    const u32* row = row_of(p);
+    for (int n = 0; n < 27; n++) {
+      if (row[n] == NONE) continue;
+      for (int left = upper.children[row[n]] & shape_.inside[n]; left; left &= left - 1) {
+        int octant = __builtin_ctz(left), place = shape_.place[n][octant];
+        const i32* from = mean_of(level, upper.child(row[n], octant));
+        luma[place] = from[0];
+        means[place] = Four{from[0], components_ > 1 ? from[components_ > 1] : 0, components_ > 2 ? from[components_ - 1] : 0, 1};
       }
-      out[c] = i32(clip(-LARGEST, LARGEST, own[c] + (change >> 9)));
+    }
+    i32* out = filtered + size_t(upper.first_child[p]) * components_;
+    for (int children = upper.children[p]; children; children &= children - 1, out += components_) {
+      int place = shape_.own[__builtin_ctz(children)], class_ = 0;
+      auto sum_of = [&](int n, int end) {
+        Four sum = {};
+        for (; n < end; n++) sum += means[place + steps[n]];
+        return sum;
+      };
+      Four own = means[place], ring[3] = {sum_of(0, 6), sum_of(6, 18), sum_of(18, 26)}, by_x = {};
+      own[3] = 0;
+      for (int n = 0; n < 9; n++) by_x += absolute<Four>(loaded<Four>(&luma[(place & ~3) + 16 * (n / 3 - 1) + 4 * (n % 3 - 1)]) - own[0]);
+      i32 count = ring[0][3] + ring[1][3] + ring[2][3], x = place & 3;
+      i32 spread_of = by_x[x - 1] + by_x[x] + by_x[x + 1] - (26 - count) * std::abs(own[0]);
+      while (class_ < 4 && spread_of >= least_[class_] * std::max(1, count)) class_++;
+      for (Four& sum : ring) sum -= own * sum[3];
+      for (int c = 0; c < components_; c++) {
+        const i8* f = taps_of[class_ * components_ + c];
+        out[c] = i32(clip(-LARGEST, LARGEST, own[c] + ((256 + i64(f[0]) * ring[0][c] + i64(f[1]) * ring[1][c] + i64(f[2]) * ring[2][c]) >> 9)));
+      }
     }
   }
 
@@ -904,16 +1030,16 @@ class Raht {
 
   std::vector<u8> values_of(const Level& level) const {
     std::vector<u8> values(level.mean.size());
-    if (unit_.colour_transform == 0) {
-      for (size_t i = 0; i < values.size(); i++) values[i] = u8(clip(0, 255, (level.mean[i] + 2048) >> 12));
-      return values;
-    }
-    for (size_t i = 0; i < values.size(); i += 3) {
-      i64 y = 65536 * i64(level.mean[i]) + (1 << 27), cb = level.mean[i + 1], cr = level.mean[i + 2];
-      values[i] = u8(clip(0, 255, (y + 103206 * cr) >> 28));
-      values[i + 1] = u8(clip(0, 255, (y - 12276 * cb - 30679 * cr) >> 28));
-      values[i + 2] = u8(clip(0, 255, (y + 121608 * cb) >> 28));
-    }
+    by_pieces(threads_, values.size() / components_, [&](size_t i, size_t end) {
+      i *= components_, end *= components_;
+      for (; i < end && unit_.colour_transform == 0; i++) values[i] = u8(clip(0, 255, (level.mean[i] + 2048) >> 12));
+      for (; i < end; i += 3) {
+        i64 y = 65536 * i64(level.mean[i]) + (1 << 27), cb = level.mean[i + 1], cr = level.mean[i + 2];
+        values[i] = u8(clip(0, 255, (y + 103206 * cr) >> 28));
+        values[i + 1] = u8(clip(0, 255, (y - 12276 * cb - 30679 * cr) >> 28));
+        values[i + 2] = u8(clip(0, 255, (y + 121608 * cb) >> 28));
+      }
+    });
     return values;
   }
 
@@ -979,7 +1105,6 @@ class Raht {
   // ---- 7.11.4
 
   u32 first_texel(u32 node) const { return levels_[d_ + 2].first_child[levels_[d_ + 1].first_child[level_->first_child[node]]]; }
-  static int texel_at(int x, int y) { return (x & 1) | (y & 1) << 1 | (x & 2) << 1 | (y & 2) << 2 | (x & 4) << 2 | (y & 4) << 3; }
 
   static i64 basis(int f, int x) {
     static const i64 cosine[9] = {8192, 8035, 7568, 6811, 5793, 4551, 3135, 1598, 0};
@@ -989,53 +1114,76 @@ class Raht {
     return m <= 8 ? cosine[m] : -cosine[16 - m];
   }
 
+  void prepare_dct() {
+    level_->dct.assign(level_->count(), NONE);
+    for (int down = 0; down < 3; down++) levels_[d_ + down].known.assign(levels_[d_ + down].count(), false);
+    for (int z = 0, sum = 1; sum <= 14; sum++)
+      for (int i = 0; i <= sum; i++) {
+        int u = sum % 2 == 0 ? i : sum - i, v = sum - u;
+        if (u < 8 && v < 8) zigzag_[++z] = u8(8 * v + u);
+      }
+    for (int f = 0; f < 8; f++)
+      for (int x = 0; x < 8; x++) {
+        basis_[f][x] = turned_[x][f] = i32(basis(f, x));
+        texel_[8 * f + x] = u8(morton_key(x, f, 0) % 8 + morton_key(x, f, 0) / 8 % 8 * 4 + morton_key(x, f, 0) / 64 * 16);
+      }
+  }
+
   void decode_dct_blocks() {
-    if (level_->dct.empty()) {
-      level_->dct.assign(level_->count(), NONE);
-      for (int down = 0; down < 3; down++) levels_[d_ + down].known.assign(levels_[d_ + down].count(), false);
-      for (int z = 0, sum = 1; sum <= 14; sum++)
-        for (int i = 0; i <= sum; i++) {
-          int u = sum % 2 == 0 ? i : sum - i, v = sum - u;
-          if (u < 8 && v < 8) zigzag_[++z] = u8(8 * v + u);
-        }
-      for (int f = 0; f < 8; f++)
-        for (int x = 0; x < 8; x++) basis_[f][x] = basis(f, x);
-    }
     for (u32 node = range_.first; node < range_.end; node++) {
       if (level_->weight[node] != 64) continue;
-      level_->dct[node] = u32(dct_.size());
-      dct_.push_back({});
+      level_->dct[node] = u32(state_->blocks.size());
+      state_->blocks.push_back({});
       decode_dct_block(node);
     }
   }
 
+  // us, vs: columns and rows of `a` that are not all 0
+  template <typename Number>
+  TEXF_VECTORS void inverse(const i64* a, u32 us, u32 vs, i32 own, i32* out) const {
+    for (int y = 0; y < 8; y++) {
+      Number part[8] = {}, sum[8];
+      for (u32 left = vs; left; left &= left - 1) {
+        int v = __builtin_ctz(left);
+        for (int u = 0; u < 8; u++) part[u] += Number(a[8 * v + u]) * Number(basis_[v][y]);
+      }
+      std::fill(sum, sum + 8, Number(1 << 27));
+      for (u32 left = us; left; left &= left - 1) {
+        int u = __builtin_ctz(left);
+        for (int x = 0; x < 8; x++) sum[x] += part[u] * Number(basis_[u][x]);
+      }
+      for (int x = 0; x < 8; x++) out[texel_[8 * y + x] * components_] = i32(clip(-LARGEST, LARGEST, own + (i64(sum[x]) >> 28)));
+    }
+  }
+
   TEXF_OFTEN void decode_dct_block(u32 node) {
-    DctBlock &block = dct_.back(), *beside[3];
+    DctBlock &block = state_->blocks.back(), *beside[3];
     const i32* texels[3];
     Level& texel_level = levels_[d_ + 3];
     const int away[3][2] = {{-1, 0}, {0, -1}, {-1, -1}};
     for (int i = 0; i < 3; i++) {
       u32 other = neighbour(node, away[i][0], away[i][1], 0);
       bool there = other != NONE && other >= range_.first && level_->dct[other] != NONE;
-      beside[i] = there ? &dct_[level_->dct[other]] : nullptr;
+      beside[i] = there ? &state_->blocks[level_->dct[other]] : nullptr;
       texels[i] = there ? mean_of(texel_level, first_texel(other)) : nullptr;
     }
     const i32* own = mean_of(*level_, node);
     i32* out = &texel_level.mean[size_t(first_texel(node)) * components_];
     i64 total[2] = {0, 0};
     for (int c = 0; c < components_; c++) {
-      i64 west[8] = {}, north[8] = {}, a[64] = {};
-      auto edge = [&](const i32* from, int x1, int y1, int x2, int y2) {
-        return 3 * i64(from[texel_at(x1, y1) * components_ + c]) - from[texel_at(x2, y2) * components_ + c] - 2 * i64(own[c]);
-      };
-      for (int f = 0; f < 8; f++) {
+      i64 west[8] = {}, north[8] = {}, a[64] = {}, sizes = 0;
+      auto edge = [&](const i32* from, int inner, int outer, i64* to) {  // at 8 * y + x, steps of the other axis
+        double sums[8] = {};
         for (int i = 0; i < 8; i++) {
-          if (beside[0]) west[f] += basis_[f][i] * edge(texels[0], 7, i, 6, i);
-          if (beside[1]) north[f] += basis_[f][i] * edge(texels[1], i, 7, i, 6);
+          int on = outer == 7 ? 8 * i : i;
+          double value = 3 * from[texel_[on + outer] * components_ + c] - from[texel_[on + inner] * components_ + c] - 2 * own[c];
+          for (int f = 0; f < 8; f++) sums[f] += value * turned_[i][f];
         }
-        west[f] >>= 15;
-        north[f] >>= 15;
-      }
+        for (int f = 0; f < 8; f++) to[f] = i64(sums[f]) >> 15;
+      };
+      if (beside[0]) edge(texels[0], 6, 7, west);
+      if (beside[1]) edge(texels[1], 48, 56, north);
+      u32 us = 0, vs = 0;
       int left = block.count[c] = dct_count(block, beside, c, west, north);
       for (int z = 1; z < 64 && left > 0; z++) {
         i64 q = dct_coefficient(block, beside, c, z, &left, west, north);
@@ -1044,19 +1192,14 @@ class Raht {
         total[c > 0] += magnitude(q);
         block.q[c][place] = i8(clip(-127, 127, q));
         i64 value = a[place] = clip(-(1 << 25), 1 << 25, q * step_[c]);
+        sizes += magnitude(value);
+        us |= 1 << u;
+        vs |= 1 << v;
         west[v] -= u > 0 ? value >> 1 : (181 * value) >> 9;
         north[u] -= v > 0 ? value >> 1 : (181 * value) >> 9;
       }
-      for (int y = 0; y < 8; y++) {
-        i64 part[8] = {};  // by u: products with both factors below 2^52, so that the order of sums does not matter
-        for (int u = 0; u < 8; u++)
-          for (int v = 0; v < 8; v++) part[u] += a[8 * v + u] * basis_[v][y];
-        for (int x = 0; x < 8; x++) {
-          i64 sum = 1 << 27;
-          for (int u = 0; u < 8; u++) sum += part[u] * basis_[u][x];
-          out[texel_at(x, y) * components_ + c] = i32(clip(-LARGEST, LARGEST, own[c] + (sum >> 28)));
-        }
-      }
+      if (sizes < 1 << 26) inverse<double>(a, us, vs, own[c], out + c);  // sums below 2^53
+      else inverse<i64>(a, us, vs, own[c], out + c);
     }
     int energy[2] = {int(std::min<i64>(255, 16 * total[0] / 63)),
                      components_ > 1 ? int(std::min<i64>(255, 16 * total[1] / (63 * (components_ - 1)))) : 0};
@@ -1135,18 +1278,18 @@ class Raht {
 
   const AttributeUnit& unit_;
   const Shape& shape_;
-  int models_;
+  int models_, threads_;
   std::vector<Level>& levels_;
   i64 step_[3] = {1, 1, 1}, inverse_[3] = {}, falloff_inverse_ = 0;
   i32 least_[4];
-  u32 gains_[2][64 * 64];
-  u8 zigzag_[64] = {};
-  i64 basis_[8][8] = {};
+  double kernels_[27][9][8] = {};  // 7.3: by direction and octant there, or 8 for the whole node, of every octant here
+  u8 zigzag_[64] = {}, texel_[64];  // texel_: the number of the one at 8 * y + x
+  i32 basis_[8][8];
+  double turned_[8][8];
   const u32* rows_ = nullptr;  // neighbours of the nodes of the level
-  std::vector<DctBlock> dct_;
   // of the level and the range that are decoded
   int d_ = 0;
-  std::vector<u8> above_;      // energies of the nodes' parents
+  const u8* above_ = nullptr;  // energies of the nodes' parents
   u32 level_class_ = 0;
   Level *upper_ = nullptr, *level_ = nullptr, *lower_ = nullptr;
   Range range_{0, 0};
@@ -1155,11 +1298,11 @@ class Raht {
 
 }  // namespace
 
-std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod) {
+std::vector<u8> decode_raht(const AttributeUnit& unit, Octree& octree, int lod, int threads) {
   switch (unit.components) {
-    case 1: return std::make_unique<Raht<1>>(unit, octree)->decode(lod);
-    case 2: return std::make_unique<Raht<2>>(unit, octree)->decode(lod);
-    default: return std::make_unique<Raht<3>>(unit, octree)->decode(lod);
+    case 1: return std::make_unique<Raht<1>>(unit, octree, threads)->decode(lod);
+    case 2: return std::make_unique<Raht<2>>(unit, octree, threads)->decode(lod);
+    default: return std::make_unique<Raht<3>>(unit, octree, threads)->decode(lod);
   }
 }
 

@@ -688,6 +688,7 @@ void decode_fields(Asset& asset) {
     int shift = -1;
     for (; next < end; next++) {
       const AttributeUnit& unit = asset.attributes[next];
+      check_stop();
       if (unit.codec == NEURAL || !asset.chooses(next)) continue;
       int lod = std::min(std::max(asset.lod - unit.level_shift, 0), unit.depth);
       std::vector<u8> values;
@@ -711,7 +712,7 @@ std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_l
   std::unique_ptr<Asset> asset = read_stream(data, size, limits);
   asset->chosen = chosen;
   asset->lod = std::max(lod, 0);
-  for (GeometryUnit& unit : asset->units) decode_geometry(unit, asset->position_bits);
+  for (GeometryUnit& unit : asset->units) check_stop(), decode_geometry(unit, asset->position_bits);
   if (asset->has_marks) decode_marks(*asset);
   if (asset->has_normals) decode_normals(*asset);
   decode_fields(*asset);

@@ -435,6 +435,7 @@ class Raht {
     state_ = &state;
     if (unit_.dct_blocks && unit_.depth - d_ == 3) decode_dct_blocks();
     for (u32 node = range.first; node < range.end; node++) {
+      if (node % 1024 == 0) check_stop();
       if (!level_->known.empty() && level_->known[node]) continue;
       int mask = level_->children[node];
       if (mask & (mask - 1)) {
@@ -805,6 +806,7 @@ class Raht {
   void for_each_voxel(u32 first, u32 end, What what) const {
     const Level &upper = levels_[unit_.depth - 1], &level = levels_[unit_.depth];
     for (u32 v = first; v < end; v++) {
+      if (v % 1024 == 0) check_stop();
       u32 p = level.parent[v];
       int left = upper.children[p];
       for (u32 skip = v - upper.first_child[p]; skip > 0; skip--) left &= left - 1;
@@ -822,6 +824,7 @@ class Raht {
         if (stage.mask >> bit & 1) taps_of[bit] = &stage.coefficients[taps * set++];
       std::vector<i32> filtered = level.mean;
       for (u32 p = 0; p < upper.count(); p++) {
+        if (p % 1024 == 0) check_stop();
         if (unit_.planar) filter_children<true>(level, upper, p, taps_of, filtered.data());
         else filter_children<false>(level, upper, p, taps_of, filtered.data());
       }
@@ -1002,6 +1005,7 @@ class Raht {
         for (int x = 0; x < 8; x++) basis_[f][x] = basis(f, x);
     }
     for (u32 node = range_.first; node < range_.end; node++) {
+      if (node % 1024 == 0) check_stop();
       if (level_->weight[node] != 64) continue;
       level_->dct[node] = u32(dct_.size());
       dct_.push_back({});
@@ -1312,6 +1316,7 @@ void decode_neural(Asset& asset) {
     for (size_t n = 0; n < field.keys.size(); n++) {
       i64 position[3];
       Network::centre(field.keys[n], field.resolution, position);
+      if (n % 256 == 0) check_stop();
       network.answer(i, position, answer.data());
       for (size_t o = 0; o < answer.size(); o++) voxels[n * answer.size() + o] = u8((answer[o] + 128) >> 8);
     }

@@ -74,7 +74,8 @@ def test_auto_takes_the_library_but_not_for_codecs_that_it_lacks_or_with_isolati
         decode(_stream("subset/texels"), options, report)
         assert (stage in report.seconds) == (not options.isolate)
     neural = next(folder for folder in runner.cases(["subset/"]) if "neural" in folder.name)
-    assert decode((neural / "in.texf").read_bytes()).evaluators
+    with pytest.raises(SupportError, match="TXF-U10.*codec"):
+        decode((neural / "in.texf").read_bytes(), DecodeOptions(engine="native"))
 
 
 @pytest.mark.parametrize("content", [b"", b"\x7fELF" + bytes(60), "other version", "no functions"])
@@ -104,13 +105,11 @@ class _Slow:
     def texf_set_stop(self, flag):
         self.flag = flag._obj
 
-    def texf_decode(self, data, size, lod, limits, asset, refusal):
+    def texf_decode_threads(self, data, size, lod, limits, threads, asset, refusal):
         asset._obj.value = 1
         while not self.flag.value:
             time.sleep(0.01)
         return native.STOPPED
-
-    texf_decode_threads = texf_decode
 
     def texf_free(self, asset):
         self.freed += 1

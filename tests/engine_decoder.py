@@ -15,7 +15,8 @@ class EngineDecoder:
     def __call__(self, stream, lod, queries=b""):
         self.code = None
         try:
-            return 0, {f"{name}.bin": content for name, content in arrays(stream.read_bytes(), lod, engine=self.engine).items()}, ""
+            values = arrays(stream.read_bytes(), lod, engine=self.engine)
+            return 0, {f"{name}.bin": content for name, content in values.items()}, ""
         except TexfError as error:
             self.code = error.code
             return error.exit_code, {}, str(error)

@@ -379,7 +379,8 @@ class Texf:
             "rgba": np.concatenate([np.zeros((0, COLUMNS), np.uint8), *(f.rgba for _, f in fields)]),
         }
         if centers:
-            held["center"] = np.concatenate([np.zeros((0, 3)), *(self._centers(f, v) for (_, f), v in zip(fields, xyz, strict=True))])
+            held["center"] = np.concatenate([np.zeros((0, 3)), *(self._centers(f, v)
+                                                                 for (_, f), v in zip(fields, xyz, strict=True))])
         return held
 
     def _centers(self, part, xyz):

@@ -1,4 +1,4 @@
-"""The native library: the C++ decoder of native/ in this process gives what the kernels give, and stops when it is interrupted."""
+"""The native library: the C++ decoder of native/ in this process gives the kernels' values, and stops at an interrupt."""
 
 import ctypes
 import gc
@@ -165,10 +165,12 @@ def test_two_at_once_do_not_disturb_each_other():
 
 @built
 def test_a_first_decode_to_arrays_neither_compiles_nor_imports_numba(tmp_path):
-    program = "import sys\nfrom texfcodec.cli import dec\ntry:\n    dec.main(sys.argv[1:])\nfinally:\n    print('numba' in sys.modules)"
+    program = ("import sys\nfrom texfcodec.cli import dec\ntry:\n    dec.main(sys.argv[1:])\n"
+               "finally:\n    print('numba' in sys.modules)")
     cache = tmp_path / "cache"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
     run = subprocess.run([sys.executable, "-c", program, VECTORS / "subset/texels/in.texf", tmp_path / "out.npz", "--quiet"],
-                         env={**os.environ, "NUMBA_CACHE_DIR": str(cache)}, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+                         env=environment, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stdout) == (0, "False\n"), run.stderr
     assert not list(cache.rglob("*.nbc")) and (tmp_path / "out.npz").exists()
 

@@ -21,8 +21,8 @@ ENTRIES = ("field/voxelise.py", *codec_of(DEFAULT_CODEC).kernels)  # every usual
 
 
 def decode_by_engine(data: bytes, options: DecodeOptions, report: Report) -> Texf:
-    """Decode a stream as api.decode() does, in the engine that options choose: the native library, WebAssembly, or kernels here or
-    in a child.
+    """Decode a stream as api.decode() does, in the engine that options choose: the native library, WebAssembly, or kernels here
+    or in a child.
 
     Raises the errors of the engines, and TXF-U10 if the engine was requested and cannot decode the stream.
     """

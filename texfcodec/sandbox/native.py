@@ -10,7 +10,7 @@ import sys
 import threading
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -80,9 +80,9 @@ def decode_natively(data: bytes, stream: Stream, options: DecodeOptions, report:
 
 
 class NativeAnswer:
-    """An Answer of the native library, loaded by library(). It frees the decoded arrays with itself, also if a stopped decode still holds it."""
+    """An Answer of the native library, loaded by library(). It frees its arrays when the last thread drops it."""
 
-    def __init__(self, loaded) -> None:
+    def __init__(self, loaded: Any) -> None:  # a CDLL, or a stand-in of a test
         self.library, self.asset = loaded, _POINTER()
         self.stop, self.refusal = ctypes.c_int32(0), ctypes.create_string_buffer(REFUSAL.size)
 
@@ -114,7 +114,8 @@ class NativeAnswer:
         where = ctypes.byref(self.asset), self.refusal
         self.library.texf_set_stop(ctypes.byref(self.stop))
         if hasattr(self.library, THREADED):
-            return self.library.texf_decode_threads(data, len(data), options.lod, limits, options.threads or default_threads(), *where)
+            threads = options.threads or default_threads()
+            return self.library.texf_decode_threads(data, len(data), options.lod, limits, threads, *where)
         return self.library.texf_decode(data, len(data), options.lod, limits, *where)
 
     def _error(self):

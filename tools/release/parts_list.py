@@ -10,7 +10,8 @@ from tools.release.clean_copy import run
 
 PARTS_BUNDLED = ({
     "type": "library", "bom-ref": "texf.wasm/draco", "name": "draco", "version": "1.5.7",
-    "description": "its decoder, compiled into texfcodec/sandbox/texf.wasm and the native library from the sources that DracoPy 2.2.0 ships",
+    "description": "its decoder, compiled into texfcodec/sandbox/texf.wasm, and into the native library of platform wheels, "
+                   "from the sources that DracoPy 2.2.0 ships",
     "licenses": [{"license": {"id": "Apache-2.0"}}],
 }, {
     "type": "library", "bom-ref": "texf.wasm/zig", "name": "zig", "version": "0.17.1",

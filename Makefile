@@ -35,7 +35,7 @@ conformance: install  # The vectors through a decoder: [DECODER="other-decoder -
 	@if [ -n "$(DECODER)" ] || [ ! -d native/build/draco ]; then exit; fi; $(MAKE) native PYTHON="$(PY)"
 
 # The C++ decoder of native/, through every vector; the WebAssembly module of it that js/ and --isolate run (docs/guide/native.md)
-native:  # The C++ decoder, built and put through every vector
+native:  # The C++ decoder as command and library, built and put through every vector
 	$(MAKE) -C native
 	$(PYTHON) conformance/run.py --decoder native/build/texf_dec --queries
 wasm:  # The WebAssembly module of it

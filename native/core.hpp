@@ -43,6 +43,7 @@ using Array = std::vector<T, Unset<T>>;
 
 // The codes of docs/guide/errors.md: 100 times the exit code, and the number; S22 is TXF-S22.
 enum Finding : int {
+  C02 = 100 * TEXF_STOPPED + 2,  // stopped by texf_set_stop()
   S01 = 100 * TEXF_INVALID + 1, S02, S03, S04, S05, S06, S07, S08, S09, S10, S11, S12, S13, S14, S20 = 100 * TEXF_INVALID + 20, S21, S22, S23, S24,
   S30 = 100 * TEXF_INVALID + 30, S32 = S30 + 2, S50 = 100 * TEXF_INVALID + 50, C04 = 100 * TEXF_INTERNAL + 4,
   U01 = 100 * TEXF_UNSUPPORTED + 1, U02, U03, U04, U07 = 100 * TEXF_UNSUPPORTED + 7, U09 = U07 + 2,
@@ -63,6 +64,15 @@ inline void within(u64 count, u64 limit, Finding finding, const char* sentence) 
   if (limit > 0 && count > limit) fail_value(finding, count, limit, sentence);
 }
 
+#if defined(__cpp_exceptions)
+inline thread_local const int32_t* stop_flag = nullptr;  // of texf_set_stop(); who hands work to another thread sets it there
+inline void check_stop() {
+  if (stop_flag && __atomic_load_n(stop_flag, __ATOMIC_RELAXED)) fail(C02, "stopped");
+}
+#else
+inline void check_stop() {}  // a sandbox is stopped by its host
+#endif
+
 // Calls what(0) to what(count - 1) on up to `threads` threads. All are called, then the first by number that has thrown is thrown on.
 template <typename What>
 void side_by_side(int threads, size_t count, const What& what) {
@@ -70,7 +80,8 @@ void side_by_side(int threads, size_t count, const What& what) {
   if (threads > 1 && count > 1) {
     std::atomic<size_t> next{0};
     std::vector<std::exception_ptr> thrown(count);
-    auto work = [&] {
+    auto work = [&, stop = stop_flag] {
+      stop_flag = stop;
       for (size_t i; (i = next++) < count;) try {
           what(i);
         } catch (...) {

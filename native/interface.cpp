@@ -230,6 +230,12 @@ int texf_decode_threads(const uint8_t* data, size_t size, int lod, const texf_li
 
 void texf_free(texf_asset* asset) { delete asset; }
 
+uint32_t texf_version(void) { return TEXF_INTERFACE; }
+
+#if defined(__cpp_exceptions)
+void texf_set_stop(const int32_t* flag) { stop_flag = flag; }
+#endif
+
 namespace {
 template <typename T>
 const void* array_of(const std::vector<T>& found, size_t* bytes) {

@@ -673,6 +673,7 @@ void decode_field(Asset& asset, size_t i, size_t next, size_t end, int threads) 
   int shift = -1;
   for (; next < end; next++) {
     const AttributeUnit& unit = asset.attributes[next];
+    check_stop();
     if (unit.codec == NEURAL || !asset.chooses(next)) continue;
     int lod = std::min(std::max(asset.lod - unit.level_shift, 0), unit.depth);
     std::vector<u8> values;
@@ -716,7 +717,7 @@ std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_l
   asset->chosen = chosen;
   asset->lod = std::max(lod, 0);
   asset->threads = threads;
-  side_by_side(threads, asset->units.size(), [&](size_t i) { decode_geometry(asset->units[i], asset->position_bits); });
+  side_by_side(threads, asset->units.size(), [&](size_t i) { check_stop(), decode_geometry(asset->units[i], asset->position_bits); });
   if (asset->has_marks) decode_marks(*asset);
   if (asset->has_normals) decode_normals(*asset);
   decode_fields(*asset);

@@ -120,6 +120,7 @@ class Weights {
 void add_face(Weights& weights, const Frame& f, i64 resolution) {  // 6.3
   i64 offset = f.columns > 4 * f.rows ? 0 : 1, rows = f.rows;
   for (i64 j = 0; j < rows; j++) {
+    if (j % 64 == 0) check_stop();
     i64 left = 2 * rows - 2 * j - offset, count = std::max<i64>(1, (f.columns * left + 2 * rows - 1) / (2 * rows));
     i64 at[3], step[3], share = f.unit * (2 * rows - 2 * j - 1) / (2 * count);
     for (int axis = 0; axis < 3; axis++) {
@@ -253,6 +254,7 @@ std::vector<u64> referenced_texels(const Asset& asset, size_t index) {
   for (const GeometryUnit& unit : asset.units)
     for (size_t f = 0; unit.field == index && f < unit.num_faces(); f++) {
       Triangle triangle(unit, f, field.fraction_bits);
+      if (f % 64 == 0) check_stop();
       for (i64 j = triangle.first_row(), end = triangle.last_row(); j <= end; j++) {
         i64 first, last;
         triangle.run(j, first, last);

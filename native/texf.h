@@ -6,9 +6,14 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#pragma GCC visibility push(default)
+
+/* Version of this interface: a host that has loaded the library compares texf_version() with the one that it was written for. */
+#define TEXF_INTERFACE 1
+uint32_t texf_version(void);
 
 /* What texf_decode() returns, the exit codes of every decoder of this project. */
-enum { TEXF_OK = 0, TEXF_INVALID = 3, TEXF_INTERNAL = 4, TEXF_UNSUPPORTED = 5, TEXF_LIMIT = 6 };
+enum { TEXF_OK = 0, TEXF_INVALID = 3, TEXF_INTERNAL = 4, TEXF_UNSUPPORTED = 5, TEXF_LIMIT = 6, TEXF_STOPPED = 130 };
 
 /* Clause 10: what a stream may ask for; 0 is no limit. */
 typedef struct texf_limits {
@@ -43,6 +48,10 @@ int texf_decode_threads(const uint8_t* data, size_t size, int lod, const texf_li
                         texf_refusal* refusal);
 void texf_free(texf_asset* asset);
 
+/* Decodes that the calling thread begins from here on return TEXF_STOPPED soon after another thread has set *flag to other than 0.
+   NULL: nothing stops them. The flag must live until they return. */
+void texf_set_stop(const int32_t* flag);
+
 /* Arrays of an asset, in the machine's byte order (little endian wherever this has been built). */
 enum texf_array_kind {
   TEXF_DESCRIPTION,   /* char: JSON, all that is not an array: cube, channel groups, materials, units, fields, evaluators */
@@ -64,6 +73,7 @@ enum texf_array_kind {
 /* The array, which the asset keeps until it is freed, and how many bytes it has; NULL and 0 where there is none. */
 const void* texf_array(texf_asset* asset, int kind, uint32_t i, uint32_t j, size_t* bytes);
 
+#pragma GCC visibility pop
 #ifdef __cplusplus
 }
 #endif

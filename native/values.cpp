@@ -493,6 +493,7 @@ class Raht {
     state_ = &state;
     if (unit_.dct_blocks && unit_.depth - d_ == 3) decode_dct_blocks();
     for (u32 node = range.first; node < range.end; node++) {
+      if (node % 1024 == 0) check_stop();
       if (!level_->known.empty() && level_->known[node]) continue;
       int mask = level_->children[node];
       if (mask & (mask - 1)) {
@@ -865,6 +866,7 @@ class Raht {
   void for_each_voxel(u32 first, u32 end, What what) const {
     const Level &upper = levels_[unit_.depth - 1], &level = levels_[unit_.depth];
     for (u32 v = first; v < end; v++) {
+      if (v % 1024 == 0) check_stop();
       u32 p = level.parent[v];
       int left = upper.children[p];
       for (u32 skip = v - upper.first_child[p]; skip > 0; skip--) left &= left - 1;
@@ -890,13 +892,18 @@ class Raht {
               for (int c = 0; c < components_; c++) means[(s * components_ + c) * 64 + level.cell[v]] = level.mean[size_t(v) * components_ + c];
         });
         by_pieces(threads_, squares.count(), [&](size_t s, size_t end) {
-          for (u32 v = first_below(unit_.depth - across, s); s < end; v += squares.weight[s++])
+          for (u32 v = first_below(unit_.depth - across, s); s < end; v += squares.weight[s++]) {
+            if (s % 256 == 0) check_stop();
             filter_square(level, squares, u32(s), v, 1 << across, means.data(), taps_of);
+          }
         });
       } else {
         Array<i32> filtered = level.mean;
         by_pieces(threads_, levels_[unit_.depth - 1].count(), [&](size_t p, size_t end) {
-          for (; p < end; p++) filter_children(level, levels_[unit_.depth - 1], u32(p), taps_of, filtered.data());
+          for (; p < end; p++) {
+            if (p % 1024 == 0) check_stop();
+            filter_children(level, levels_[unit_.depth - 1], u32(p), taps_of, filtered.data());
+          }
         });
         level.mean.swap(filtered);
       }
@@ -1131,6 +1138,7 @@ class Raht {
 
   void decode_dct_blocks() {
     for (u32 node = range_.first; node < range_.end; node++) {
+      if (node % 1024 == 0) check_stop();
       if (level_->weight[node] != 64) continue;
       level_->dct[node] = u32(state_->blocks.size());
       state_->blocks.push_back({});
@@ -1455,6 +1463,7 @@ void decode_neural(Asset& asset) {
     for (size_t n = 0; n < field.keys.size(); n++) {
       i64 position[3];
       Network::centre(field.keys[n], field.resolution, position);
+      if (n % 256 == 0) check_stop();
       network.answer(i, position, answer.data());
       for (size_t o = 0; o < answer.size(); o++) voxels[n * answer.size() + o] = u8((answer[o] + 128) >> 8);
     }

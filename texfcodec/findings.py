@@ -115,8 +115,8 @@ FINDINGS = (
             "repair, update or remove the plug-in"),
     Finding("TXF-U09", SupportError, ("4.3",), "an element has a value that this version does not know",
             "decode with a newer version"),
-    Finding("TXF-U10", SupportError, (), "--engine wasm cannot decode this stream, or wasmtime is not installed",
-            "omit --engine, or install wasmtime"),
+    Finding("TXF-U10", SupportError, (), "the engine of --engine cannot decode this stream, or is not installed",
+            "omit --engine, install wasmtime, or run make native"),
     Finding("TXF-U11", SupportError, (), "the page of texf-view does not support plug-in codecs",
             "convert the stream to a GLB with texf-dec, and show the GLB"),
     # Over a limit; every limit is a flag of the tools and a field of Limits.

@@ -434,7 +434,7 @@ class EncodeOptions:
         return self.max_error is None and (self.refine in ("fit", "render") or (self.refine == "auto" and self.effort != "fast"))
 
 
-ENGINES = ("auto", "numba", "wasm")
+ENGINES = ("auto", "native", "numba", "wasm")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -450,8 +450,9 @@ class DecodeOptions:
     isolate : bool
         Cap memory and time: decode in a WebAssembly sandbox, or in a child process if there is none.
     engine : str
-        "numba": kernels, compiled at their first use; "wasm": the sandbox; "auto": the sandbox as long as kernels are not
-        compiled, and with isolate if it can decode the stream. Values are the same.
+        "native": the C++ library, if `make native` or a platform's wheel has installed it; "numba": kernels, compiled at their
+        first use; "wasm": the sandbox; "auto": the sandbox with isolate, else the library, else the sandbox as long as kernels
+        are not compiled. Values are the same.
     limits : Limits
         Limits on the stream.
 
@@ -464,9 +465,9 @@ class DecodeOptions:
     lod: int = ranged(0, 0, 14, "Stop L octree levels before the finest.", "L")
     threads: int = ranged(0, 0, 1024, "Maximum threads; 0 for all processors.")
     isolate: bool = switch("Decode with limited memory and time: in a WebAssembly sandbox, else in a child process.")
-    engine: str = choice(ENGINES[0], ENGINES, "Decode with kernels that numba compiles at their first use, or in a "
-                                              "WebAssembly sandbox without compilation. auto chooses the sandbox with "
-                                              "--isolate and at a first run.")
+    engine: str = choice(ENGINES[0], ENGINES, "Decode with the native library, with kernels that numba compiles at "
+                                              "their first use, or in a WebAssembly sandbox. auto chooses the sandbox with "
+                                              "--isolate, else the library if it is installed, else the sandbox at a first run.")
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self):

@@ -367,19 +367,21 @@ class Texf:
             raise InputError("TXF-I70", "an empty asset has no face to query")
         return NearestPoints(Mesh(self.positions, self.faces)).find(points, threads=self.threads).face
 
-    def voxels(self) -> dict[str, np.ndarray]:
-        """All active voxels of the fields over voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4], "center":
-        float64 [N, 3] in world space}."""
+    def voxels(self, *, centers: bool = True) -> dict[str, np.ndarray]:
+        """All active voxels of the fields over voxels: {"xyz": int32 [N, 3], "field": int32 [N], "rgba": uint8 [N, 4]}, and with
+        centers {"center": float64 [N, 3] in world space}."""
         fields = [(i, f) for i, f in enumerate(self.fields) if not f.over_texels]
         xyz = [f.support.xyz() for f in self.fields if isinstance(f.support, VoxelSupport)]
-        center = [self._centers(f, v) for (_, f), v in zip(fields, xyz, strict=True)]
         number = [np.full(len(v), i, np.int32) for (i, _), v in zip(fields, xyz, strict=True)]
-        return {
+        held = {
             "xyz": np.concatenate([np.zeros((0, 3), np.int32), *xyz]),
             "field": np.concatenate([np.zeros(0, np.int32), *number]),
             "rgba": np.concatenate([np.zeros((0, COLUMNS), np.uint8), *(f.rgba for _, f in fields)]),
-            "center": np.concatenate([np.zeros((0, 3)), *center]),
         }
+        if centers:
+            held["center"] = np.concatenate([np.zeros((0, 3)), *(self._centers(f, v)
+                                                                 for (_, f), v in zip(fields, xyz, strict=True))])
+        return held
 
     def _centers(self, part, xyz):
         grid = (xyz + 0.5) * (1 << part.level_shift)

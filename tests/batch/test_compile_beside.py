@@ -12,7 +12,7 @@ from texfcodec.codecs.raht.coefficients import mixed
 from texfcodec.codecs.raht.transform import octree
 from texfcodec.core.kernel import PACKAGE
 from texfcodec.field import query, voxelise
-from texfcodec.io.atlas import chart_packing, chart_padding, fill_uncovered
+from texfcodec.io.atlas import chart_packing, chart_padding
 from texfcodec.precompile import STAGES, compile_decoding, compile_encoding, compile_saving, kernels_compiled
 from texfcodec.render import triangles
 
@@ -30,7 +30,7 @@ def test_kernels_of_decoding_are_run():
 
 def test_kernels_of_saving_are_run():
     compile_saving()
-    for entry in (chart_packing._pack, chart_padding._continue, fill_uncovered._pull, query._query):
+    for entry in (chart_packing._pack, chart_padding._continue, query._query):
         assert entry.signatures, entry.py_func.__name__
 
 

@@ -445,7 +445,7 @@ def test_missing_kernel_cache_is_noticed_without_numba(monkeypatch, tmp_path):
 
 
 def test_a_first_run_is_said_and_streams_of_any_kind_take_text(call, monkeypatch, tmp_path):
-    monkeypatch.setattr("texfcodec.precompile.kernels_compiled", lambda: False)
+    monkeypatch.setattr("texfcodec.precompile.kernels_compiled", lambda *_: False)
     stream = REPOSITORY / "conformance/uncommon/one_voxel/in.texf"
     code, _, said = call("texf-dec", "--engine", "numba", stream, tmp_path / "a.ply")
     assert code == 0 and "compil" in said

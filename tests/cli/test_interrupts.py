@@ -105,12 +105,12 @@ def test_no_kernel_that_python_calls_returns_two_arrays():
 import sys, inspect
 from texfcodec.precompile import warm_up
 warm_up()
-from numba.core.dispatcher import Dispatcher
+from texfcodec.core.kernel import Kernel
 from numba.core import types
 seen, many = set(), []
 for name, module in list(sys.modules.items()):
     for kernel in vars(module).values() if name.startswith("texfcodec.") else ():
-        if isinstance(kernel, Dispatcher) and kernel.__module__ == name:
+        if isinstance(kernel, Kernel) and kernel.__module__ == name:
             for signature in kernel.nopython_signatures:
                 seen.add(kernel.__name__)
                 result = signature.return_type

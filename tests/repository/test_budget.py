@@ -8,14 +8,15 @@ LONGEST_LINE = 2000  # a file with a longer one is a bundle, which does not coun
 
 # Folders, the deepest that holds a file counts it: the most lines of all their files together.
 BUDGETS = {
-    ("texfcodec",): 52_678,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
-    # memory of large meshes 100
-    ("js", "native"): 8_310,  # 1,500 came with coded meshes of a glTF on a page, expand() and its fuzzer; 220 with its atlas,
-    # 195 with vectors and threads
-    ("tools",): 12_160,  # target 10,500; 130 are of scenes, 200 of ladders of speed, each tool at its own efforts
+    ("texfcodec",): 52_830,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
+    # memory of large meshes 100, the native library 150
+    ("js", "native"): 8_330,  # 1,500 came with coded meshes of a glTF on a page, expand() and its fuzzer; 220 with its atlas,
+    # 195 with vectors and threads, 20 with a shared library
+    ("tools",): 12_265,  # target 10,500; 130 are of scenes, 100 of wheels for platforms,
+    # 200 of ladders of speed, each tool at its own efforts
     ("tools/gpu",): 3_100,  # came with fitting, frames and decoding on a GPU, whose page must be made again
     ("conformance",): 8_450,  # target 7,500; 600 are of glTF files with streams and what expands them
-    ("tests",): 41_340,  # 55 are of ladders and vectors made again;
+    ("tests",): 41_500,  # 150 are of the native library, 55 of ladders and vectors made again;
     # 2,050 are of scenes, 50 of trials that end early; 2,600 came from tools/proof; target 29,000
 }
 

@@ -7,36 +7,23 @@ import time
 from pathlib import Path
 
 import pytest
+from engine_decoder import EngineDecoder
 
 from conformance import run as runner
 from texfcodec import DecodeOptions, decode
 from texfcodec.errors import LimitError, StreamError, SupportError, TexfError
 from texfcodec.limits import Limits
 from texfcodec.report import Report
-from texfcodec.sandbox import engines, wasm
+from texfcodec.sandbox import engines, native, wasm
 
 pytest.importorskip("wasmtime", reason="wasmtime is not installed: there is no sandbox to try")
 REPOSITORY = Path(__file__).resolve().parents[2]
 VECTORS = REPOSITORY / "conformance"
 
 
-class SandboxDecoder:
-    """The sandbox as conformance/run.py asks of a decoder."""
-
-    asks = False
-
-    def __init__(self):
-        self.code = None
-
-    def __call__(self, stream, lod, queries=b""):
-        from conformance.decode_texfcodec import arrays
-
-        self.code = None
-        try:
-            return 0, {f"{name}.bin": content for name, content in arrays(stream.read_bytes(), lod, engine="wasm").items()}, ""
-        except TexfError as error:
-            self.code = error.code
-            return error.exit_code, {}, str(error)
+@pytest.fixture(autouse=True)
+def without_native(monkeypatch, tmp_path):
+    monkeypatch.setattr(native, "LIBRARY", tmp_path / "none.so")
 
 
 def _is_neural(folder):
@@ -45,7 +32,7 @@ def _is_neural(folder):
 
 @pytest.mark.parametrize("kind", ["subset", "uncommon"])
 def test_every_vector_that_it_decodes_gives_the_same_arrays(kind):
-    decoder, tried = SandboxDecoder(), 0
+    decoder, tried = EngineDecoder("wasm"), 0
     for folder in runner.cases([f"{kind}/"]):
         if not _is_neural(folder):
             assert runner.faults_of(decoder, folder) == [], folder.name
@@ -55,7 +42,7 @@ def test_every_vector_that_it_decodes_gives_the_same_arrays(kind):
 
 def test_every_faulty_vector_is_refused_with_the_finding_of_our_own_decoder():
     """With our own reader before it, and by the module alone, as pages have it."""
-    decoder, tried = SandboxDecoder(), 0
+    decoder, tried = EngineDecoder("wasm"), 0
     for folder in runner.cases(["faulty/"]):
         case = json.loads((folder / "case.json").read_text(encoding="utf-8"))
         with pytest.raises(TexfError) as alone:

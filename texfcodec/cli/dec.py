@@ -67,7 +67,7 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     """
     from ..batch.compile_beside import compile_beside
     from ..io.save import check_choices
-    from ..sandbox.engines import takes_sandbox
+    from ..sandbox.engines import first_engine
 
     if out == "-":
         console.stdout_is_taken()
@@ -98,10 +98,10 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
             return add_fallbacks_to_file(console, data, (source, out), options, (texture_format, fallback_faces))
         return expand_scene_file(console, data, source, out, options, texture_format)
     data = stream_within(data)
-    sandboxed = takes_sandbox(options)
-    if not sandboxed:
+    compiles = first_engine(options) == "numba"
+    if compiles:
         console.note_first_run(DECODING)
-    compile_beside(options.threads, *_stages(out, save_options["appearance"], sandboxed))
+    compile_beside(options.threads, *_stages(out, save_options["appearance"], compiles))
     with console.progress() as report:
         texf = decode(data, options, report)
         if carry_stream:
@@ -120,9 +120,9 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     console.result(facts, _lines(facts, out, texf.counted()))
 
 
-def _stages(out, appearance, sandboxed):
+def _stages(out, appearance, compiles):
     """Stages of precompile.py whose kernels this run may need."""
-    if not sandboxed:
+    if compiles:
         yield "decode"
     if appearance in (None, "texture") and not out.lower().endswith((".ply", ".npz", _STREAM)):
         yield "save"

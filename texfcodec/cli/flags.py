@@ -156,15 +156,31 @@ def limits_of(choices: dict) -> Limits:
     return Limits(**{name: count for name, count in old.items() if count is not None} | new)
 
 
-def report_flags(quiet: str = "Print only errors: no progress, warnings or summary.") -> Callable[[Callable], Callable]:
-    """Return a decorator that adds --json, --quiet and --version to a click command. quiet: help text of --quiet."""
+def report_flags(quiet: str = "Print only errors: no progress, warnings or summary.", *,
+                 names_engine: bool = False) -> Callable[[Callable], Callable]:
+    """Return a decorator that adds --json, --quiet and --version to a click command. quiet: help text of --quiet; names_engine:
+    --version also prints the engine that decodes a stream first."""
+
+    def show(context, parameter, given):
+        if given:
+            click.echo(f"{context.info_name} {__version__}" + (f"\nengine: {_engine_in_words()}" if names_engine else ""))
+            context.exit()
 
     def decorate(function):
-        function = click.version_option(__version__, message="%(prog)s %(version)s")(function)
+        function = click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=show,
+                                help="Show the version and exit.")(function)
         function = click.option("--quiet", is_flag=True, help=quiet)(function)
         return click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout, errors included.")(function)
 
     return decorate
+
+
+def _engine_in_words():
+    from ..options import DecodeOptions
+    from ..sandbox import engines, native
+
+    words = {"native": "native, the C++ library", "wasm": "wasm, until kernels are compiled", "numba": "numba, compiled kernels"}
+    return words[engines.first_engine(DecodeOptions())] + (f"; {native.fault()}" if native.fault() else "")
 
 
 def size_of(context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:

@@ -28,7 +28,7 @@ from .inputs import read_streams
                                               "channel and effect.")
 @click.option("--verify", is_flag=True, help="Decode everything and compare all checksums.")
 @limit_flags("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes")
-@report_flags("Print nothing but errors.")
+@report_flags("Print nothing but errors.", names_engine=True)
 @click.pass_obj
 def info(console, file, as_json, quiet, effects, verify, **choices):
     """List every syntax element of the .texf FILE ("-": stdin), or of the streams that a GLB carries, with its offset and size.

@@ -18,7 +18,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import lru_cache, partial
+from functools import lru_cache, partial, update_wrapper
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ import numpy as np
 
 PACKAGE = Path(__file__).parents[1]
 _DECORATING = threading.RLock()  # numba's setting is one for all threads, some of which import while others compile
+_INSTRUCTIONS: list = []  # (name, function) of instruction(), not yet known to numba
 IMPORT = re.compile(rb"^[ \t]*from[ \t]+(\.+|texfcodec\b\.?)([\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]+)", re.MULTILINE)
 
 
@@ -85,6 +86,35 @@ def cache_folder(path: Path) -> Path:
     return folder
 
 
+class Kernel:
+    """A function that numba compiles at its first call, or as a part of another kernel. Until then it does not import numba:
+    that takes half a second, which a process that calls no kernel saves."""
+
+    def __init__(self, function: Callable, options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self.py_func, self._options, self._ready = function, options, None
+
+    def __call__(self, *arguments: Any) -> Any:
+        return (self._ready or self._dispatcher())(*arguments)
+
+    def __getattr__(self, name):
+        """Attributes of numba's dispatcher, such as signatures and _numba_type_, by which another kernel calls this one."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self._dispatcher(), name)
+
+    def _dispatcher(self):
+        with _DECORATING:
+            if self._ready is None:
+                numba, function, options = _numba(), self.py_func, self._options
+                folder = cache_folder(Path(function.__code__.co_filename))
+                compiled = _compiled(numba, function, folder, options)
+                if not numba.config.DISABLE_JIT:  # numba sets its settings when it is imported
+                    _serve_kernels(numba, compiled, function, folder / "plain", options)
+                self._ready = compiled
+        return self._ready
+
+
 # Any: Numba's compiled functions have no types, nor does partial() of this one.
 def kernel(function: Callable | None = None, allocates: bool = False, **options: Any) -> Any:
     """Decorator: compiles a function without the interpreter's lock and caches it in cache_folder(). options: other keywords of
@@ -96,13 +126,9 @@ def kernel(function: Callable | None = None, allocates: bool = False, **options:
     """
     if function is None:
         return partial(kernel, allocates=allocates, **options)
-    import numba
-
-    folder, options = cache_folder(Path(function.__code__.co_filename)), {"_nrt": allocates, "no_cfunc_wrapper": True, **options}
-    compiled = _compiled(numba, function, folder, options)
-    if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba sets its settings when it is imported
-        _serve_kernels(numba, compiled, function, folder / "plain", options)
-    return compiled
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        return function
+    return Kernel(function, {"_nrt": allocates, "no_cfunc_wrapper": True, **options})
 
 
 def instruction(name: str) -> Callable[[Callable], Callable]:
@@ -110,19 +136,31 @@ def instruction(name: str) -> Callable[[Callable], Callable]:
     outside, Python runs the function itself."""
 
     def decorate(function):
-        from numba.extending import intrinsic, overload
-
-        @intrinsic
-        def llvm_instruction(_, v):
-            return v(v), lambda context, builder, signature, values: getattr(builder, name)(values[0])
-
-        @overload(function)
-        def in_kernels(v):
-            return lambda v: llvm_instruction(np.int64(v))  # type: ignore[call-arg]  # numba gives the first one
-
+        _INSTRUCTIONS.append((name, function))
         return function
 
     return decorate
+
+
+def _numba():
+    """The module numba, which knows every instruction() so far."""
+    import numba
+
+    while _INSTRUCTIONS:
+        _register(*_INSTRUCTIONS.pop())
+    return numba
+
+
+def _register(name, function):
+    from numba.extending import intrinsic, overload
+
+    @intrinsic
+    def llvm_instruction(_, v):
+        return v(v), lambda context, builder, signature, values: getattr(builder, name)(values[0])
+
+    @overload(function)
+    def in_kernels(v):
+        return lambda v: llvm_instruction(np.int64(v))  # type: ignore[call-arg]  # numba gives the first one
 
 
 def _compiled(numba, function, folder, options):

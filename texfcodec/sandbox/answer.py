@@ -1,8 +1,12 @@
-"""The Texf of a stream whose arrays come from a sandbox: this process reads clauses 4 and 5 itself, in Python alone, and checks
-every index of the answer. A sandbox is a WebAssembly module (wasm.py) or a child process (isolate.py)."""
+"""The Texf of a stream whose arrays come from the C++ decoder or a child: this process reads clauses 4 and 5 itself, in Python
+alone, and checks every index of a sandbox's answer.
+
+The C++ decoder is a WebAssembly module (wasm.py) or a native library (native.py); the child process is that of isolate.py.
+"""
 
 from __future__ import annotations
 
+import struct
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
@@ -11,10 +15,11 @@ import numpy as np
 from ..bitstream.syntax import SUPPORT_TEXELS
 from ..codecs import joint_codec_of_unit
 from ..decoder import add_planes, appearance_of
-from ..errors import StreamError, TexfError
+from ..errors import LimitError, StreamError, SupportError, TexfError
 from ..field.texel_set import MAX_UV
 from ..field.texels import TexelSupport, texels_are_sound
 from ..field.voxels import VoxelSupport, keys_are_sound
+from ..findings import BY_CODE
 from ..geometry.edges import coded_edges
 from ..geometry.geometry_unit import GeometryUnit
 from ..texf import Field
@@ -26,6 +31,10 @@ if TYPE_CHECKING:
     from ..texf import Texf
 
 POSITIONS, UVS, FACES, KEYS, VALUES, SHARP_EDGES, CODED_NORMALS = 2, 3, 4, 6, 7, 8, 9  # texf_array_kind of native/texf.h
+REFUSAL = struct.Struct("<iiQQ232s")  # texf_refusal of native/texf.h
+LIMITS = ("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes")  # texf_limits
+KNOWN = (0, 2)  # codec_id of the C++ decoder's codecs whose values are arrays
+_FAMILIES = {3: ("S", StreamError), 4: ("C", StreamError), 5: ("U", SupportError), 6: ("L", LimitError)}  # by exit code
 
 
 class Answer(Protocol):
@@ -37,11 +46,29 @@ class Answer(Protocol):
         dtype is wrong."""
 
 
-def texf_of(stream: Stream, answer: Answer, options: DecodeOptions, report: Report, packed: tuple[dict, dict] = ({}, {})) -> Texf:
+def can_decode(stream: Stream) -> bool:
+    """Return whether the C++ decoder has a stream's codecs: neither private codecs nor a joint one that evaluates points."""
+    return stream.joint is None and all(values["codec_id"] in KNOWN for values in stream.attributes)
+
+
+def error_of(refusal: bytes) -> TexfError | None:
+    """Return the error of a refusal by the C++ decoder, None if it has no finding. refusal: bytes of a texf_refusal."""
+    number, has_value, value, allowed, said = REFUSAL.unpack(refusal)
+    letter, family = _FAMILIES.get(number // 100, ("", LimitError))
+    code = f"TXF-{letter}{number % 100:02d}"
+    if code not in BY_CODE:
+        return None
+    clauses, numbers = BY_CODE[code].clauses, {"value": value, "allowed": allowed} if has_value else {}
+    sentence = said.split(b"\0")[0].decode("utf-8", "replace")
+    return family(code, sentence, clause=clauses[0] if len(clauses) == 1 else None, **numbers)
+
+
+def texf_of(stream: Stream, answer: Answer, options: DecodeOptions, report: Report, packed: tuple[dict, dict] = ({}, {}),
+            confined: bool = True) -> Texf:
     """Build the Texf of a parsed stream from the arrays that a sandbox decoded, after a check of all indices and lengths.
 
-    packed: (facts, arrays) of a joint codec's pack(), from which its evaluators are rebuilt. Raises StreamError TXF-S40 for
-    arrays that do not fit the stream.
+    packed: (facts, arrays) of a joint codec's pack(), from which its evaluators are rebuilt; confined: False for arrays of a
+    decoder in this process, which need no check. Raises StreamError TXF-S40 for arrays that do not fit the stream.
     """
     texf = appearance_of(stream, options, report)
     try:
@@ -57,7 +84,7 @@ def texf_of(stream: Stream, answer: Answer, options: DecodeOptions, report: Repo
             texf.sharp_edges = answer.array(SHARP_EDGES).astype(bool)
         if stream.coded_normals:
             texf.coded_normals = answer.array(CODED_NORMALS, dtype="<i2").reshape(-1, 3)
-        sound = _is_sound(texf)
+        sound = not confined or _is_sound(texf)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise StreamError("TXF-S40", "the decoder returned an invalid result", reason=type(error).__name__) from error
     if not sound:

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import LimitError, StreamError, SupportError
-from ..findings import BY_CODE
-from .answer import texf_of
+from ..errors import LimitError
+from .answer import LIMITS, REFUSAL, error_of, texf_of
 
 if TYPE_CHECKING:
     from ..bitstream.stream import Stream
@@ -29,16 +28,6 @@ if TYPE_CHECKING:
     from ..texf import Texf
 
 MODULE = Path(__file__).with_name("texf.wasm")
-REFUSAL = struct.Struct("<iiQQ232s")  # texf_refusal of native/texf.h
-FAMILIES = {3: ("S", StreamError), 4: ("C", StreamError), 5: ("U", SupportError), 6: ("L", LimitError)}  # by exit code
-KNOWN = (0, 2)  # codec_id of those that it has
-LIMITS = ("file_bytes", "vertices", "faces", "voxels", "texels", "samples", "latents", "metadata_bytes")
-
-
-def can_decode(stream: Stream) -> bool:
-    """Return whether the WebAssembly sandbox has a stream's codecs: neither private codecs nor a joint one that evaluates
-    points."""
-    return stream.joint is None and all(values["codec_id"] in KNOWN for values in stream.attributes)
 
 
 def is_here() -> bool:
@@ -143,14 +132,8 @@ class Sandbox:
             return LimitError("TXF-L08", "decoding took longer than the limit allows", allowed=self.limits.isolate_seconds)
         self.store.set_epoch_deadline(1 << 30)  # what is left to ask takes no time
         place = self.exports["refusal"](self.store)
-        number, has_value, value, allowed, said = REFUSAL.unpack(self.memory.read(self.store, place, place + REFUSAL.size))
-        letter, family = FAMILIES.get(number // 100, ("L", LimitError))
-        code = f"TXF-{letter}{number % 100:02d}"
-        if code not in BY_CODE:  # it has stopped without a refusal
-            return self._no_memory()
-        clauses, numbers = BY_CODE[code].clauses, {"value": value, "allowed": allowed} if has_value else {}
-        sentence = said.split(b"\0")[0].decode("utf-8", "replace")
-        return family(code, sentence, clause=clauses[0] if len(clauses) == 1 else None, **numbers)
+        refusal = self.memory.read(self.store, place, place + REFUSAL.size)
+        return error_of(bytes(refusal)) or self._no_memory()  # it may have stopped without a refusal
 
 
 def _missing(*_):

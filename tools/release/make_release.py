@@ -1,8 +1,9 @@
-"""Everything that is published of the last commit: sdist, wheel, npm package, list of parts (SBOM) and SHA-256 sums.
+"""Everything that is published of the last commit: sdist, wheel, wheels of single platforms with the native library, npm package,
+list of parts (SBOM) and SHA-256 sums.
 
 Each archive is built twice, in two clean copies, and must come out the same byte for byte. What is not committed is not in it.
 
-    python -m tools.release.make_release [--out FOLDER] [--without-npm]
+    python -m tools.release.make_release [--out FOLDER] [--without-npm] [--without-native]
 """
 
 import argparse
@@ -17,6 +18,7 @@ from pathlib import Path
 from tools.release.clean_copy import REPOSITORY, changed_files, commit_and_time, copy_commit, run
 from tools.release.npm_package import pack, try_package
 from tools.release.parts_list import environment_of, list_of_parts
+from tools.release.platform_wheels import PLACE, PLATFORMS, build_library, install_zig, platform_wheel
 from tools.release.same_bytes import normalised_tar
 from tools.release.wheel_contents import faults_of_contents
 
@@ -26,6 +28,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("out/release"), help="emptied first  [default: out/release]")
     parser.add_argument("--without-npm", action="store_true", help="leave the npm package out, where npm is not installed")
+    parser.add_argument("--without-native", action="store_true", help="leave the wheels with the native library out")
     given = parser.parse_args(arguments)
     os.umask(0o022)  # archives hold the rights of their files
     commit, seconds = commit_and_time()
@@ -36,12 +39,12 @@ def main(arguments: list[str] | None = None) -> None:
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     with tempfile.TemporaryDirectory() as folder:
-        make(commit, seconds, Path(folder), out, with_npm=not given.without_npm)
+        make(commit, seconds, Path(folder), out, with_npm=not given.without_npm, with_native=not given.without_native)
     print(f"commit {commit}, SOURCE_DATE_EPOCH {seconds}")
     print((out / "SHA256SUMS").read_text(encoding="utf-8"), end="")
 
 
-def make(commit: str, seconds: int, work: Path, out: Path, *, with_npm: bool) -> None:
+def make(commit: str, seconds: int, work: Path, out: Path, *, with_npm: bool, with_native: bool) -> None:
     """All files of the release of a commit, into out. work: a folder for what is only needed meanwhile."""
     copies = [work / "tree" / str(number) for number in range(2)]
     for number, copy in enumerate(copies):
@@ -52,6 +55,7 @@ def make(commit: str, seconds: int, work: Path, out: Path, *, with_npm: bool) ->
     archives = _keep_what_is_the_same(built, out)
     wheel = next(path for path in archives if path.suffix == ".whl")
     _check_wheel(wheel, commit)
+    archives += _platform_wheels(wheel, copies, commit, work, out) if with_native else []
     _say("twine check")
     print(run(sys.executable, "-m", "twine", "--no-color", "check", "--strict", *archives).decode(), end="", file=sys.stderr)
     if with_npm:
@@ -90,8 +94,24 @@ def _keep_what_is_the_same(built, out):
     return [Path(shutil.move(path, out / path.name)) for path in first]
 
 
-def _check_wheel(wheel, commit):
-    tracked = run("git", "ls-tree", "-r", "-z", "--name-only", commit).decode().split("\0")
+def _platform_wheels(wheel, copies, commit, work, out):
+    """Wheels with the native library, built in both copies."""
+    python, draco, built = install_zig(work / "zig"), work / "build" / "draco", []
+    for number, copy in enumerate(copies):
+        folder = work / "wheels" / str(number)
+        folder.mkdir(parents=True)
+        for platform in PLATFORMS:
+            _say(f"native library for {platform.target}, {number + 1} of 2")
+            platform_wheel(wheel, platform, build_library(copy, platform, python, draco), folder)
+        built.append(sorted(folder.iterdir()))
+    wheels = _keep_what_is_the_same(built, out)
+    for platform in PLATFORMS:
+        _check_wheel(next(path for path in wheels if platform.tag in path.name), commit, PLACE + platform.library)
+    return wheels
+
+
+def _check_wheel(wheel, commit, *built):
+    tracked = run("git", "ls-tree", "-r", "-z", "--name-only", commit).decode().split("\0") + list(built)
     with zipfile.ZipFile(wheel) as archive:
         faults = faults_of_contents(archive.namelist(), tracked)
     if faults:

@@ -2,50 +2,37 @@
 
 import numpy as np
 
-from ...core.kernel import kernel
+_QUARTERS = [(slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1)]
 
 
 def fill_uncovered(image: np.ndarray, known: np.ndarray) -> None:
     """Fill unknown texels from the known texels around them, in place, by push-pull; mip levels then have no gaps.
 
-    image: uint8 [H, W, C]; known: bool [H, W], texels that have a value. Without any known texel the image stays as it is.
+    image: uint8 [H, W, C]; known: bool [H, W], texels that have a value. Without any known texel the image stays as it is. No
+    kernel: decoders without numba call this.
     """
-    if known.all() or not known.any():
+    if known.any():
+        _fill(np.moveaxis(image, 2, 0), known)
+
+
+def _fill(planes, known):
+    """The same for uint8 [C, H, W]."""
+    if known.all():
         return
-    coarse = np.zeros(((image.shape[0] + 1) // 2, (image.shape[1] + 1) // 2, image.shape[2]), np.uint8)
-    coarse_known = np.zeros(coarse.shape[:2], np.bool_)
-    _push(image, known, coarse, coarse_known)
-    fill_uncovered(coarse, coarse_known)
-    _pull(image, known, coarse)
+    coarse, coarse_known = _push(planes, known)
+    _fill(coarse, coarse_known)
+    for quarter in _QUARTERS:  # unknown texels take their coarse texel's colour, which is the average of a mip level
+        fine, missing = planes[:, *quarter], ~known[quarter]
+        np.copyto(fine, coarse[:, : missing.shape[0], : missing.shape[1]], where=missing)
 
 
-@kernel
-def _push(image, known, coarse, coarse_known):
-    """Each coarse texel is the mean of its known fine texels."""
-    for row in range(coarse.shape[0]):
-        for col in range(coarse.shape[1]):
-            rows, cols = min(2 * row + 2, image.shape[0]), min(2 * col + 2, image.shape[1])
-            count = 0
-            for r in range(2 * row, rows):
-                for c in range(2 * col, cols):
-                    count += known[r, c]
-            if count == 0:
-                continue
-            coarse_known[row, col] = True
-            for k in range(image.shape[2]):
-                total = count // 2
-                for r in range(2 * row, rows):
-                    for c in range(2 * col, cols):
-                        if known[r, c]:
-                            total += image[r, c, k]
-                coarse[row, col, k] = total // count
-
-
-@kernel
-def _pull(image, known, coarse):
-    """Unknown fine texels take their coarse texel's colour, which is the average of a mip level."""
-    for row in range(image.shape[0]):
-        for col in range(image.shape[1]):
-            if not known[row, col]:
-                for k in range(image.shape[2]):
-                    image[row, col, k] = coarse[row // 2, col // 2, k]
+def _push(planes, known):
+    """(uint8 [C, H / 2, W / 2], the means of the known texels in blocks of 2 x 2; which blocks have any, bool)."""
+    size = (known.shape[0] + 1) // 2, (known.shape[1] + 1) // 2
+    total, count = np.zeros((len(planes), *size), np.uint16), np.zeros(size, np.uint16)
+    for quarter in _QUARTERS:
+        there = known[quarter]
+        place = tuple(map(slice, there.shape))
+        total[:, *place] += planes[:, *quarter] * there
+        count[place] += there
+    return ((total + count // 2) // np.maximum(count, 1)).astype(np.uint8), count > 0

@@ -69,9 +69,9 @@ def test_nothing_begins_where_no_kernel_is_missing_or_no_processor_idle(monkeypa
     assert missing_stages(monkeypatch, threads, processors, compiled, ["decode", "save"], 0.3) == []
 
 
-@pytest.mark.parametrize("out, appearance, sandboxed, stages", [
-    ("a.glb", None, True, ["save"]), ("-", "texture", False, ["decode", "save"]), ("a.obj", "vertex", False, ["decode"]),
-    ("a.npz", None, True, []), ("a.PLY", None, False, ["decode"]), ("a.texf", None, False, ["decode"]),
+@pytest.mark.parametrize("out, appearance, compiles, stages", [
+    ("a.glb", None, False, ["save"]), ("-", "texture", True, ["decode", "save"]), ("a.obj", "vertex", True, ["decode"]),
+    ("a.npz", None, False, []), ("a.PLY", None, True, ["decode"]), ("a.texf", None, True, ["decode"]),
 ])
-def test_texf_dec_has_what_it_needs_compiled(out, appearance, sandboxed, stages):
-    assert list(_stages(out, appearance, sandboxed)) == stages
+def test_texf_dec_has_what_it_needs_compiled(out, appearance, compiles, stages):
+    assert list(_stages(out, appearance, compiles)) == stages

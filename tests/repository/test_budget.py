@@ -8,9 +8,9 @@ LONGEST_LINE = 2000  # a file with a longer one is a bundle, which does not coun
 
 # Folders, the deepest that holds a file counts it: the most lines of all their files together.
 BUDGETS = {
-    ("texfcodec",): 52_830,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
+    ("texfcodec",): 52_850,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
     # memory of large meshes 100, the native library 150
-    ("js", "native"): 8_330,  # 1,500 came with coded meshes of a glTF on a page, expand() and its fuzzer; 220 with its atlas,
+    ("js", "native"): 8_350,  # 1,500 came with coded meshes of a glTF on a page, expand() and its fuzzer; 220 with its atlas,
     # 195 with vectors and threads, 20 with a shared library
     ("tools",): 12_265,  # target 10,500; 130 are of scenes, 100 of wheels for platforms,
     # 200 of ladders of speed, each tool at its own efforts

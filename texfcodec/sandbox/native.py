@@ -127,5 +127,5 @@ class NativeAnswer:
         """Return a copy of a decoded array; arguments as of Answer.array()."""
         count = _SIZE()
         place = self.library.texf_array(self.asset, kind, i, j, ctypes.byref(count))
-        held = (ctypes.c_char * count.value).from_address(place) if place else b""
+        held: Any = (ctypes.c_char * count.value).from_address(place) if place else b""
         return np.frombuffer(held, dtype).copy()

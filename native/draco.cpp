@@ -105,35 +105,37 @@ class Symbols {
   }
   u32 read() {
     while (ans_.state < 4u << precision_ && ans_.left > 0) ans_.state = ans_.state << 8 | ans_.data[--ans_.left];
-    u32 rest = ans_.state & ((1u << precision_) - 1), symbol = symbol_at_[rest];
-    ans_.state = (ans_.state >> precision_) * (first_[symbol + 1] - first_[symbol]) + rest - first_[symbol];
-    return symbol;
+    u32 rest = ans_.state & ((1u << precision_) - 1), i = at_[rest >> (precision_ - 12)];
+    while (rest >= first_[i + 1]) i++;  // 255 times at most
+    ans_.state = (ans_.state >> precision_) * (first_[i + 1] - first_[i]) + rest - first_[i];
+    return symbol_[i];
   }
 
  private:
   void read_probabilities(Source& source) {
-    u32 count = source.count(), sum = 0;
+    u32 count = source.count(), sum = 0, part = 1u << (precision_ - 12);
     need(count > 0 && count / 64 <= source.left());
-    first_.assign(size_t(count) + 1, 0);
-    symbol_at_.resize(size_t(1) << precision_);
     for (u32 i = 0; i < count; i++) {
       u32 byte = source.byte(), probability = byte >> 2;
-      if ((byte & 3) == 3) {  // that many more of probability 0
+      if ((byte & 3) == 3) {  // that many more without one
         need(probability < count - i);
-        for (; probability > 0; probability--) first_[++i] = sum;
-      } else {
-        for (u32 more = 0; more < (byte & 3); more++) probability |= source.byte() << (8 * more + 6);
-        need(probability <= (1u << precision_) - sum);
-        std::fill_n(&symbol_at_[0] + sum, probability, i);
-        sum += probability;
+        i += probability;
+        continue;
       }
-      first_[i + 1] = sum;
+      for (u32 more = 0; more < (byte & 3); more++) probability |= source.byte() << (8 * more + 6);
+      if (probability == 0) continue;
+      need(probability <= (1u << precision_) - sum);
+      for (u32 p = (sum + part - 1) / part; p * part < sum + probability; p++) at_[p] = u32(symbol_.size());
+      symbol_.push_back(i);
+      first_.push_back(sum);
+      sum += probability;
     }
     need(sum == 1u << precision_);
+    first_.push_back(sum);
   }
   int precision_;
-  std::vector<u32> first_;  // slot of every symbol, and one more
-  Array<u32> symbol_at_;    // by slot
+  std::vector<u32> symbol_, first_;  // those with a probability; where it begins, and the end
+  u32 at_[4096];                     // by the first 12 bits: the first of `symbol_` that is there
   Ans ans_;
 };
 
@@ -183,15 +185,15 @@ enum Symbol : u32 { C, S, L, R, E };
 
 class SymbolReader {
  public:
-  void start(Source& source, bool by_valence) {
-    by_valence_ = by_valence;
+  bool by_valence = false;
+  void start(Source& source) {
     if (by_valence) return;
     u64 size = source.count(10);
     bits_ = Bits(source);
     source.take(size);
   }
   void start_contexts(Source& source, u32 faces, u32 vertices) {
-    if (!by_valence_) return;
+    if (!by_valence) return;
     valence_.assign(vertices, 0);
     for (std::vector<u8>& context : contexts_) {
       u32 count = source.count();
@@ -201,7 +203,7 @@ class SymbolReader {
     }
   }
   u32 read() {
-    if (by_valence_) {
+    if (by_valence) {
       if (!context_) return last_ = E;
       need(!context_->empty());
       last_ = context_->back();
@@ -213,17 +215,15 @@ class SymbolReader {
     return S + bits_.read(2);
   }
   void joined(u32 kept, u32 gone) {
-    if (by_valence_) valence_[kept] += valence_[gone];
+    if (by_valence) valence_[kept] += valence_[gone];
   }
   void reached(const u32 vertex[3]) {  // of the newest face
     static const u8 more[5][3] = {{0, 1, 1}, {0, 1, 1}, {1, 2, 1}, {1, 1, 2}, {2, 2, 2}};
-    if (!by_valence_) return;
     for (int i = 0; i < 3; i++) valence_[vertex[i]] += more[last_][i];
     context_ = &contexts_[clip(2, 7, valence_[vertex[1]]) - 2];
   }
 
  private:
-  bool by_valence_ = false;
   Bits bits_;
   u32 last_ = E;
   std::vector<u32> valence_;     // by vertex
@@ -247,7 +247,8 @@ class Edgebreaker {
     most_vertices_ = u32(vertices + splits);
     has_cut = seams > 0;
     read_events(source, symbols, faces);
-    reader_.start(source, by_valence);
+    reader_.by_valence = by_valence;
+    reader_.start(source);
     starts_ = CodedBits(source);
     CodedBits seam;
     if (has_cut) seam = CodedBits(source);
@@ -311,8 +312,10 @@ class Edgebreaker {
     else if (symbol == E) stack_.push_back(corner), new_vertex(corner), new_vertex(corner + 1), new_vertex(corner + 2);
     else extend(corner, symbol == R);
     stack_.back() = corner;
-    u32 vertices[3] = {vertex_of(corner), vertex_of(corner + 1), vertex_of(corner + 2)};
-    reader_.reached(vertices);
+    if (reader_.by_valence) {
+      u32 vertices[3] = {vertex_of(corner), vertex_of(corner + 1), vertex_of(corner + 2)};
+      reader_.reached(vertices);
+    }
     if (symbol == C || symbol == S) return;
     u32 coded = symbols - i - 1;  // the encoder's number
     for (; !events_.empty() && events_.back().source >= coded; events_.pop_back()) {
@@ -443,22 +446,21 @@ class Edgebreaker {
 
 struct Order {
   std::vector<u32> corner, entry;  // of every value its first corner; of every vertex its value
-  void visit(u32 vertex, u32 at) {
-    if (entry[vertex] != NONE) return;
-    entry[vertex] = u32(corner.size());
-    corner.push_back(at);
-  }
 };
 
-struct Walk {
+struct Walk : Order {
   const Fans& fans;
-  Order order;
   std::vector<u8> seen;  // faces
-  explicit Walk(const Fans& of) : fans(of), seen(of.vertex.size() / 3) { order.entry.assign(of.left.size(), NONE); }
-  bool is_new(u32 corner) const { return corner != NONE && !seen[corner / 3]; }
-  void visit(u32 corner) { order.visit(fans.vertex[corner], corner); }
-  u32 right(u32 corner) const { return fans.opposite[next(corner)]; }
-  u32 left(u32 corner) const { return fans.opposite[previous(corner)]; }
+  explicit Walk(const Fans& of) : fans(of), seen(of.vertex.size() / 3) { entry.assign(of.left.size(), NONE); }
+  bool is_new(u32 at) const { return at != NONE && !seen[at / 3]; }
+  void visit(u32 at) {
+    u32& value = entry[fans.vertex[at]];
+    if (value != NONE) return;
+    value = u32(corner.size());
+    corner.push_back(at);
+  }
+  u32 right(u32 at) const { return fans.opposite[next(at)]; }
+  u32 left(u32 at) const { return fans.opposite[previous(at)]; }
 };
 
 Order depth_first(const Fans& fans) {
@@ -474,7 +476,7 @@ Order depth_first(const Fans& fans) {
       else for (;;) {
         walk.seen[corner / 3] = 1;
         u32 right = walk.right(corner), left = walk.left(corner), vertex = fans.vertex[corner];
-        if (walk.order.entry[vertex] == NONE) {
+        if (walk.entry[vertex] == NONE) {
           walk.visit(corner);
           if (fans.swing_left(fans.left[vertex]) != NONE && right != NONE) {
             corner = right;
@@ -492,7 +494,7 @@ Order depth_first(const Fans& fans) {
       }
     }
   }
-  return std::move(walk.order);
+  return std::move(walk);
 }
 
 Order by_degree(const Fans& fans) {  // vertices that two faces predict before those that one does
@@ -505,13 +507,9 @@ Order by_degree(const Fans& fans) {  // vertices that two faces predict before t
     int best = 0;
     auto priority = [&](u32 corner) {
       u32 vertex = fans.vertex[corner];
-      if (walk.order.entry[vertex] != NONE) return 0;
+      if (walk.entry[vertex] != NONE) return 0;
       if (degree[vertex] < 2) degree[vertex]++;
       return degree[vertex] > 1 ? 1 : 2;
-    };
-    auto put = [&](u32 corner, int at) {
-      stacks[at].push_back(corner);
-      best = std::min(best, at);
     };
     for (;;) {
       while (best < 3 && stacks[best].empty()) best++;
@@ -529,7 +527,8 @@ Order by_degree(const Fans& fans) {  // vertices that two faces predict before t
             corner = left;
             continue;
           }
-          put(left, at);
+          stacks[at].push_back(left);
+          best = std::min(best, at);
         }
         if (to_right) {
           int at = priority(right);
@@ -537,12 +536,13 @@ Order by_degree(const Fans& fans) {  // vertices that two faces predict before t
             corner = right;
             continue;
           }
-          put(right, at);
+          stacks[at].push_back(right);
+          best = std::min(best, at);
         }
       }
     }
   }
-  return std::move(walk.order);
+  return std::move(walk);
 }
 
 // ---- Attributes
@@ -562,7 +562,7 @@ struct AttributeReader {  // of one attribute
   const Fans& fans;
   const Order& order;
   const std::vector<u32>& point;  // by corner
-  const u32* position;            // by point, or null where they are not read yet or not predicted
+  const std::vector<u32>* position;  // by point, or null where they are not read yet or not predicted
   Attribute& out;
   int scheme = UNPREDICTED;
   i64 low = 0, high = 0;  // of predicted values
@@ -588,7 +588,10 @@ struct AttributeReader {  // of one attribute
       int transform = i8(source.byte());
       need(transform >= -1 && transform < 4);
       predicted = transform == 1;
-      need(!predicted || scheme != TEXTURE || (position && out.columns == 2));
+      if (predicted && scheme == TEXTURE) {
+        need(position && out.columns == 2);
+        for (u32 axis : *position) require(axis >> 20 == 0, S23, "a position is not below 2^position_bits");
+      }
     }
     read_values(count);
     for (u32& v : out.values) v = v & 1 ? ~(v >> 1) : v >> 1;
@@ -675,7 +678,7 @@ struct AttributeReader {  // of one attribute
     for (u32 c = 0; used > 0 && c < out.columns; c++) guess[c] = i32(sum[c]) / used;
   }
 
-  const u32* position_of(u32 entry) const { return &position[3 * size_t(point[order.corner[entry]])]; }
+  const u32* position_of(u32 entry) const { return &(*position)[3 * size_t(point[order.corner[entry]])]; }
 
   void by_texture(u32 e, i64* guess) {  // the triangle of the positions, turned and scaled into that of the UVs
     u32 n = order.entry[fans.vertex[next(order.corner[e])]], p = order.entry[fans.vertex[previous(order.corner[e])]];
@@ -772,7 +775,8 @@ void check_kinds(const std::vector<Decoder>& decoders, const GeometryUnit& unit)
   require(positions == 1 && uvs == unit.planar, S20, "the attributes of draco_data are not those of 5.6");
 }
 
-void read_attributes(Source& source, const Edgebreaker& faces, Decoder& decoder, GeometryUnit& unit, const u32*& position) {
+void read_attributes(Source& source, const Edgebreaker& faces, Decoder& decoder, GeometryUnit& unit,
+                     const std::vector<u32>*& position) {
   const Fans& fans = decoder.by_corner ? faces.cut : faces.mesh;
   Order order = decoder.by_degree ? by_degree(fans) : depth_first(fans);
   auto by_point = [&](const Attribute& a, u32* out) {
@@ -783,8 +787,7 @@ void read_attributes(Source& source, const Edgebreaker& faces, Decoder& decoder,
     AttributeReader{source, fans, order, faces.point, position, a}.read();
     if (!a.is_position()) continue;
     by_point(a, unit.position.data());
-    for (u32 axis : unit.position) require(axis >> 20 == 0, S23, "a position is not below 2^position_bits");
-    if (a.coding != RAW) position = unit.position.data();
+    if (a.coding != RAW) position = &unit.position;
   }
   for (Attribute& a : decoder.attributes) {
     if (a.coding == QUANTISED) dequantise(source, a);
@@ -801,7 +804,7 @@ void decode_draco(GeometryUnit& unit, Bytes data, bool by_valence) {
   check_kinds(decoders, unit);
   unit.position.resize(3 * size_t(faces.points));
   unit.uv.resize(unit.planar ? 2 * size_t(faces.points) : 0);
-  const u32* position = nullptr;
+  const std::vector<u32>* position = nullptr;
   for (Decoder& decoder : decoders) read_attributes(source, faces, decoder, unit, position);
   unit.corner = std::move(faces.point);
 }

@@ -29,10 +29,10 @@ check: conformance  # Before a commit, three to five minutes: lint, every vector
 	$(PY) -m pytest -q -n 2 --dist loadfile -m "not slow and not long"
 
 # Any decoder can be put through the vectors: make conformance DECODER="other-decoder --flag" [QUERIES=1]. Without one it is the
-# package's, and the C++ one where `make native` has fetched Draco's sources.
+# package's, and the C++ one where `make native` has built it.
 conformance: install  # The vectors through a decoder: [DECODER="other-decoder --flag"] [QUERIES=1]
 	$(PY) conformance/run.py $(if $(DECODER),--decoder "$(DECODER)") $(if $(QUERIES),--queries)
-	@if [ -n "$(DECODER)" ] || [ ! -d native/build/draco ]; then exit; fi; $(MAKE) native PYTHON="$(PY)"
+	@if [ -n "$(DECODER)" ] || [ ! -e native/build/texf_dec ]; then exit; fi; $(MAKE) native PYTHON="$(PY)"
 
 # The C++ decoder of native/, through every vector; the WebAssembly module of it that js/ and --isolate run (docs/guide/native.md)
 native:  # The C++ decoder as command and library, built and put through every vector

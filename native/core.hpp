@@ -119,7 +119,7 @@ inline i64 ceil_div(i64 a, i64 b) { return floor_div(a + b - 1, b); }
 inline i64 clip(i64 low, i64 high, i64 v) { return v < low ? low : v > high ? high : v; }
 inline i64 magnitude(i64 v) { return v < 0 ? -v : v; }
 inline int bit_length(u64 v) { return v ? 64 - __builtin_clzll(v) : 0; }
-i64 isqrt(i64 v);  // v >= 0
+i64 isqrt(u64 v);
 
 u32 crc32(const void* data, size_t size, u32 before = 0);
 
@@ -311,6 +311,9 @@ struct Asset {
 // ---- stream.cpp
 std::unique_ptr<Asset> read_stream(const u8* data, size_t size, const texf_limits& limits);  // steps 1 to 5 of 9.2
 void decode_geometry(GeometryUnit& unit, int position_bits);                                // 5.6
+
+// ---- draco.cpp: what stands behind the two counts of draco_data; UVs as the 32 bits that they are in Draco
+void decode_draco(GeometryUnit& unit, Bytes data, bool by_valence);
 
 std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_limits& limits, u32 chosen, int threads);  // 9.2, 8.3
 

@@ -4,7 +4,6 @@
 #include <cstdio>
 
 #include "core.hpp"
-#include "draco/compression/mesh/mesh_edgebreaker_decoder.h"
 
 namespace texf {
 
@@ -23,10 +22,10 @@ void fail_value(Finding finding, u64 value, u64 allowed, const char* sentence) {
   refuse(refusal);
 }
 
-i64 isqrt(i64 v) {
-  u64 r = u64(std::sqrt(double(v)));
-  while (r * r > u64(v)) r--;
-  while ((r + 1) * (r + 1) <= u64(v)) r++;
+i64 isqrt(u64 v) {
+  u64 last = 0xffffffff, r = std::min(u64(std::sqrt(double(v))), last);
+  while (r * r > v) r--;
+  while (r < last && (r + 1) * (r + 1) <= v) r++;
   return i64(r);
 }
 
@@ -573,13 +572,14 @@ i64 whole_number(float value, int uv_bits, u64 uv_range) {  // 5.6.2, -1 where i
   return (2 * i64(n) * i64(uv_range) + last) / (2 * last);
 }
 
-void check_draco(const GeometryUnit& unit) {
+bool read_draco_header(Reader& draco, const GeometryUnit& unit) {  // and whether its symbols are coded by valences
   static const u8 start[11] = {0x44, 0x52, 0x41, 0x43, 0x4f, 2, 2, 1, 1, 0, 0};
-  Reader draco(unit.draco);
   require(draco.left() >= 11 && memcmp(draco.take(11, "draco_data").data, start, 11) == 0, S20, "draco_data does not begin as 5.6 says");
-  require((draco.u8_("traversal type") & ~2) == 0, S20, "draco_data has a traversal type other than 0 and 2");
+  int traversal = draco.u8_("traversal type");
+  require((traversal & ~2) == 0, S20, "draco_data has a traversal type other than 0 and 2");
   require_equal(draco.v("number of vertices"), unit.vertices, S21, "draco_data names another number of vertices");
   require_equal(draco.v("number of faces"), unit.faces, S21, "draco_data names another number of faces");
+  return traversal > 0;
 }
 
 u32 geometry_crc(const GeometryUnit& unit) {  // 5.6.3
@@ -604,59 +604,22 @@ u32 geometry_crc(const GeometryUnit& unit) {  // 5.6.3
 }  // namespace
 
 void decode_geometry(GeometryUnit& unit, int position_bits) {
-  check_draco(unit);
-  draco::DecoderBuffer buffer;
-  buffer.Init(reinterpret_cast<const char*>(unit.draco.data), unit.draco.size);
-  draco::MeshEdgebreakerDecoder decoder;  // what 5.6 allows and no more
-  draco::Mesh mesh;
-  require(decoder.Decode(draco::DecoderOptions(), &buffer, &mesh).ok(), S22, "draco_data does not decode to a mesh");
-  const draco::PointAttribute *positions = nullptr, *uvs = nullptr;
-  auto uv_type = unit.uv_bits > 0 ? draco::GeometryAttribute::TEX_COORD : draco::GeometryAttribute::GENERIC;
-  auto uv_kind = unit.uv_bits > 0 ? draco::DT_FLOAT32 : draco::DT_UINT32;
-  for (int i = 0; i < mesh.num_attributes(); i++) {
-    const draco::PointAttribute* a = mesh.attribute(i);
-    if (a->attribute_type() == draco::GeometryAttribute::POSITION && a->data_type() == draco::DT_UINT32 && a->num_components() == 3)
-      positions = a;
-    if (unit.planar && a->attribute_type() == uv_type && a->data_type() == uv_kind && a->num_components() == 2) uvs = a;
-  }
-  require(mesh.num_attributes() == 1 + unit.planar && positions && (uvs || !unit.planar), S20, "the attributes of draco_data are not those of 5.6");
-  u64 points = mesh.num_points(), most = unit.planar ? 3 * unit.faces : unit.vertices;
+  Reader draco(unit.draco);
+  bool by_valence = read_draco_header(draco, unit);
+  decode_draco(unit, draco.rest(), by_valence);
+  u64 points = unit.position.size() / 3, most = unit.planar ? 3 * unit.faces : unit.vertices;
   require(points >= unit.vertices && points <= most, S21, "draco_data decodes to another number of vertices");
-  require_equal(mesh.num_faces(), unit.faces, S21, "draco_data decodes to another number of faces");
-  unit.position.resize(3 * points);
-  unit.uv.resize(unit.planar ? 2 * points : 0);
-  for (u32 p = 0; p < points; p++) {
-    u32 xyz[3];
-    draco::AttributeValueIndex place(positions->mapped_index(draco::PointIndex(p)).value());
-    require(place.value() < positions->size(), S23, "draco_data has a vertex without a position");
-    positions->GetValue(place, xyz);
-    for (int axis = 0; axis < 3; axis++) {
-      require(xyz[axis] >> position_bits == 0, S23, "a position is not below 2^position_bits");
-      unit.position[3 * size_t(p) + axis] = xyz[axis];
+  for (u32 p : unit.position) require(p >> position_bits == 0, S23, "a position is not below 2^position_bits");
+  for (size_t i = 0; i < unit.uv.size(); i++) {
+    i64 n = u32(unit.uv[i]);
+    if (unit.uv_bits > 0) {
+      float value;
+      memcpy(&value, &unit.uv[i], 4);
+      n = whole_number(value, unit.uv_bits, unit.uv_range);
     }
-    if (!unit.planar) continue;
-    draco::AttributeValueIndex beside(uvs->mapped_index(draco::PointIndex(p)).value());
-    require(beside.value() < uvs->size(), S23, "draco_data has a vertex without a UV");
-    u32 numbers[2];
-    uvs->GetValue(beside, numbers);
-    for (int axis = 0; axis < 2; axis++) {
-      i64 n = numbers[axis];
-      if (unit.uv_bits > 0) {
-        float value;
-        memcpy(&value, &numbers[axis], 4);
-        n = whole_number(value, unit.uv_bits, unit.uv_range);
-      }
-      require(n >= 0 && n < 1 << 20, S23, "a UV is out of its range");
-      unit.uv[2 * size_t(p) + axis] = i32(n) + unit.uv_origin[axis];
-    }
+    require(n >= 0 && n < 1 << 20, S23, "a UV is out of its range");
+    unit.uv[i] = i32(n) + unit.uv_origin[i % 2];
   }
-  unit.corner.resize(3 * unit.faces);
-  for (u32 f = 0; f < unit.faces; f++)
-    for (int i = 0; i < 3; i++) {
-      u32 vertex = mesh.face(draco::FaceIndex(f))[i].value();
-      require(vertex < points, S23, "draco_data has a face with a vertex that is not there");
-      unit.corner[3 * size_t(f) + i] = vertex;
-    }
   require(geometry_crc(unit) == unit.crc, S24, "geometry_crc does not match");
 }
 

@@ -96,13 +96,13 @@ def _keep_what_is_the_same(built, out):
 
 def _platform_wheels(wheel, copies, commit, work, out):
     """Wheels with the native library, built in both copies."""
-    python, draco, built = install_zig(work / "zig"), work / "build" / "draco", []
+    python, built = install_zig(work / "zig"), []
     for number, copy in enumerate(copies):
         folder = work / "wheels" / str(number)
         folder.mkdir(parents=True)
         for platform in PLATFORMS:
             _say(f"native library for {platform.target}, {number + 1} of 2")
-            platform_wheel(wheel, platform, build_library(copy, platform, python, draco), folder)
+            platform_wheel(wheel, platform, build_library(copy, platform, python), folder)
         built.append(sorted(folder.iterdir()))
     wheels = _keep_what_is_the_same(built, out)
     for platform in PLATFORMS:

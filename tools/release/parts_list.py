@@ -9,11 +9,6 @@ from pathlib import Path
 from tools.release.clean_copy import run
 
 PARTS_BUNDLED = ({
-    "type": "library", "bom-ref": "texf.wasm/draco", "name": "draco", "version": "1.5.7",
-    "description": "its decoder, compiled into texfcodec/sandbox/texf.wasm, and into the native library of platform wheels, "
-                   "from the sources that DracoPy 2.2.0 ships",
-    "licenses": [{"license": {"id": "Apache-2.0"}}],
-}, {
     "type": "library", "bom-ref": "texf.wasm/zig", "name": "zig", "version": "0.17.1",
     "description": "wasi-libc, libc++ and compiler-rt, compiled into texfcodec/sandbox/texf.wasm; libc++ into the native library",
     "licenses": [{"license": {"id": "MIT"}}],

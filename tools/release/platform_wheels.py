@@ -44,13 +44,12 @@ def install_zig(folder: Path) -> Path:
     return python
 
 
-def build_library(copy: Path, platform: Platform, python: Path, draco: Path) -> bytes:
-    """The native library of a copy of the tree. python: an interpreter with zig; draco: folder for Draco's sources, filled if it
-    is not there. SystemExit where it fails."""
+def build_library(copy: Path, platform: Platform, python: Path) -> bytes:
+    """The native library of a copy of the tree. python: an interpreter with zig. SystemExit where it fails."""
     built = copy / "native" / platform.target / platform.library
     built.parent.mkdir()
     done = subprocess.run(["make", "-s", "-C", copy / "native", "platform", f"TARGET={platform.target}", f"PYTHON={python}",
-                           f"BUILD={draco.parent}", f"LIBRARY={built}"], stdout=sys.stderr, check=False)
+                           f"LIBRARY={built}"], stdout=sys.stderr, check=False)
     if done.returncode:
         raise SystemExit(f"the native library for {platform.target} is not built: make ended with {done.returncode}")
     return built.read_bytes()

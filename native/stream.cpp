@@ -681,7 +681,10 @@ void decode_field(Asset& asset, size_t i, size_t next, size_t end, int threads) 
       size_t count = asset.cells(i, unit.level_shift + lod).size();
       for (size_t n = 0; n < count; n++) values.insert(values.end(), unit.plane_value, unit.plane_value + unit.components);
     } else {
-      if (shift != unit.level_shift) octree = octree_of(asset.cells(i, shift = unit.level_shift), unit.depth, unit.planar);
+      if (shift != unit.level_shift) {
+        shift = unit.level_shift;
+        octree = octree_of(shift == 0 ? field.keys : asset.cells(i, shift), unit.depth, unit.planar);
+      }
       values = decode_raht(unit, *octree, lod, threads);
     }
     require(lod > 0 || crc32(values.data(), values.size()) == unit.values_crc, S32, "values_crc does not match");

@@ -77,6 +77,7 @@ class Weights {
       order[n] = morton_key(bricks_[n] & 2047, bricks_[n] >> 11 & 2047, bricks_[n] >> 22) << 31 | n;  // at most 2^31 bricks
     sort_keys(order);
     std::vector<u64> out;
+    out.reserve(count_);
     for (u64 both : order) {
       size_t n = both & 0x7fffffff;
       for (u64 left = touched_[n]; left; left &= left - 1) {
@@ -187,7 +188,7 @@ i64 wrapped(int mode, i64 i, i64 size) {  // 6.5.3
 
 class Image {  // one bit a texel
  public:
-  Image(i64 width, i64 height) : words_((width + 63) / 64), bits_(size_t(words_) * height, 0) {}
+  Image(i64 width, i64 height) : words_((width + 63) / 64), width_(width), height_(height), bits_(size_t(words_) * height, 0) {}
   void fill(i64 y, i64 first, i64 last) {
     u64* row = &bits_[size_t(words_) * y];
     u64 begin = ~0ull << (first & 63), end = ~0ull >> (63 - (last & 63));
@@ -199,10 +200,48 @@ class Image {  // one bit a texel
     for (i64 n = first / 64 + 1; n < last / 64; n++) row[n] = ~0ull;
     row[last / 64] |= end;
   }
-  u8 eight(i64 x, i64 y) const { return u8(bits_[size_t(words_) * y + x / 64] >> (x & 63)); }
+
+  // side: squares of 8 x 8 a side, as a power of two
+  std::vector<u64> keys(int side) const {
+    u64 within[64], count = 0;  // a square
+    for (u64 n = 0; n < 64; n++) within[n] = morton_key(even_bits(n), even_bits(n >> 1), 0);
+    for (u64 word : bits_) count += u64(ones(word));
+    std::vector<u64> out;
+    out.reserve(count);
+    for (u64 square = 0; square < 1ull << (2 * side); square++) {
+      u64 x = even_bits(square), y = even_bits(square >> 1), found[64];
+      if (x * 8 >= u64(width_) || y * 8 >= u64(height_)) continue;
+      int number = 0;
+      for (u64 left = texels(x, y), first = morton_key(8 * x, 8 * y, 0); left; left &= left - 1) found[number++] = first + within[__builtin_ctzll(left)];
+      out.insert(out.end(), found, found + number);
+    }
+    return out;
+  }
 
  private:
-  i64 words_;
+  static u64 even_bits(u64 v) {
+    v &= 0x55555555;
+    v = (v | v >> 1) & 0x33333333;
+    v = (v | v >> 2) & 0x0f0f0f0f;
+    v = (v | v >> 4) & 0x00ff00ff;
+    return (v | v >> 8) & 0xffff;
+  }
+  static int ones(u64 v) {
+    v -= v >> 1 & 0x5555555555555555;
+    v = (v & 0x3333333333333333) + (v >> 2 & 0x3333333333333333);
+    return int(((v + (v >> 4)) & 0x0f0f0f0f0f0f0f0f) * 0x0101010101010101 >> 56);
+  }
+  u64 texels(u64 x, u64 y) const {  // of square (x, y), in Morton order
+    static const u8 place[8] = {0, 2, 8, 10, 32, 34, 40, 42};
+    u64 out = 0;
+    for (u64 v = 0; v < 8 && 8 * y + v < u64(height_); v++) {
+      u64 row = bits_[size_t(words_) * (8 * y + v) + x / 8] >> (8 * x & 63) & 255;
+      row = (row | row << 12) & 0xf000f;
+      out |= ((row | row << 2) & 0x330033) << place[v];
+    }
+    return out;
+  }
+  i64 words_, width_, height_;
   std::vector<u64> bits_;
 };
 
@@ -261,25 +300,7 @@ std::vector<u64> referenced_texels(const Asset& asset, size_t index) {
         fill_wrapped(image, wrapped(field.wrap[1], j, field.height), first, last, field.wrap[0], field.width);
       }
     }
-  std::vector<u64> keys;
-  int side = bit_length((field.resolution + 7) / 8 - 1);  // squares of 8 x 8 a side, as a power of two, in Morton order
-  for (u64 tile = 0; tile < 1ull << (2 * side); tile++) {
-    u64 x0 = 0, y0 = 0;
-    for (int i = 0; i < side; i++) {
-      x0 |= (tile >> (2 * i) & 1) << i;
-      y0 |= (tile >> (2 * i + 1) & 1) << i;
-    }
-    x0 *= 8, y0 *= 8;
-    if (x0 >= u64(field.width) || y0 >= u64(field.height)) continue;
-    u8 rows[8], any = 0;
-    for (u64 y = 0; y < 8; y++) any |= rows[y] = y0 + y < u64(field.height) ? image.eight(x0, y0 + y) : 0;
-    if (!any) continue;
-    for (int n = 0; n < 64; n++) {
-      int x = (n & 1) | (n >> 1 & 2) | (n >> 2 & 4), y = (n >> 1 & 1) | (n >> 2 & 2) | (n >> 3 & 4);
-      if (rows[y] >> x & 1) keys.push_back(morton_key(x0 + x, y0 + y, 0));
-    }
-  }
-  return keys;
+  return image.keys(bit_length((field.resolution + 7) / 8 - 1));
 }
 
 // ---- 8.4

@@ -201,10 +201,10 @@ struct SliceState {  // what a range is decoded with
 // ---- 7.1. Of the neighbours (x, y, z) of a node number (z + 1) * 9 + (y + 1) * 3 + x + 1 stands in its row, or without z over texels
 
 struct Level {
-  std::vector<u32> first_child;
-  Array<u32> parent, weight;
-  std::vector<u8> children;          // a bit for every octant
-  std::vector<u8> cell;              // of texels alone: 8 * y + x in the square of 8 x 8
+  size_t nodes = 0;
+  Array<u32> first_child, parent, weight;  // parent, weight: not of voxels and texels
+  Array<u8> children;                // a bit for every octant
+  Array<u8> cell;                    // of texels alone: 8 * y + x in the square of 8 x 8
   Array<u32> rows;                   // neighbours of every node, once they are asked for
   // of the attribute that is decoded
   std::vector<u8> energy;            // two planes
@@ -212,7 +212,7 @@ struct Level {
   Array<i8> q;                       // 7.11.2: q[1], q[3], q[4] of every component, limited to -2..2
   std::vector<u32> dct;              // 7.11.4: the number of the node's DCT block
   std::vector<u8> known;             // below one
-  size_t count() const { return parent.size(); }
+  size_t count() const { return nodes; }
   u32 child(u32 node, int octant) const {
     return children[node] >> octant & 1 ? first_child[node] + ones(children[node] & ((1u << octant) - 1)) : NONE;
   }
@@ -297,27 +297,38 @@ struct Octree {
 std::shared_ptr<Octree> octree_of(const std::vector<u64>& keys, int depth, bool planar) {
   auto octree = std::make_shared<Octree>(Octree{Shape(planar), std::vector<Level>(depth + 1)});
   std::vector<Level>& levels = octree->levels;
-  std::vector<u64> values = keys;
-  levels[depth].parent.resize(keys.size());
-  levels[depth].weight.assign(keys.size(), 1);
-  for (size_t n = 0; n < keys.size() && planar; n++)
-    levels[depth].cell.push_back(u8((keys[n] & 1) | (keys[n] >> 2 & 2) | (keys[n] >> 4 & 4) | (keys[n] << 2 & 8) | (keys[n] & 16) | (keys[n] >> 2 & 32)));
+  levels[depth].nodes = keys.size();
+  if (planar) {
+    levels[depth].cell.resize(keys.size());
+    for (size_t n = 0; n < keys.size(); n++)
+      levels[depth].cell[n] = u8((keys[n] & 1) | (keys[n] >> 2 & 2) | (keys[n] >> 4 & 4) | (keys[n] << 2 & 8) | (keys[n] & 16) | (keys[n] >> 2 & 32));
+  }
+  std::vector<u64> above;
   for (int l = depth; l > 0; l--) {
     Level &lower = levels[l], &upper = levels[l - 1];
-    std::vector<u64> above;
-    for (size_t n = 0; n < values.size(); n++) {
-      if (above.empty() || above.back() != values[n] >> 3) {
-        above.push_back(values[n] >> 3);
-        upper.first_child.push_back(u32(n));
-        upper.children.push_back(0);
-        upper.weight.push_back(0);
+    const std::vector<u64>& of = l == depth ? keys : above;
+    for (size_t n = 1; n < of.size(); n++) upper.nodes += of[n] >> 3 != of[n - 1] >> 3;
+    upper.nodes += !of.empty();
+    if (l < depth) lower.parent.resize(lower.nodes);
+    upper.first_child.resize(upper.nodes);
+    upper.weight.resize(upper.nodes);
+    upper.children.resize(upper.nodes);
+    if (l == depth) above.resize(upper.nodes);
+    u32 p = 0;
+    for (size_t n = 0; n < lower.nodes; p++) {
+      u64 key = of[n] >> 3;
+      u32 weight = 0, children = 0;
+      upper.first_child[p] = u32(n);
+      for (; n < lower.nodes && of[n] >> 3 == key; n++) {
+        children |= 1 << (of[n] & 7);
+        weight += l < depth ? lower.weight[n] : 1;
+        if (l < depth) lower.parent[n] = p;
       }
-      lower.parent[n] = u32(above.size() - 1);
-      upper.children.back() |= 1 << (values[n] & 7);
-      upper.weight.back() += lower.weight[n];
+      upper.weight[p] = weight;
+      upper.children[p] = u8(children);
+      above[p] = key;  // of those that are read
     }
-    upper.parent.resize(above.size());
-    values.swap(above);
+    above.resize(p);
   }
   levels[0].rows.assign(octree->shape.row, NONE);
   levels[0].rows[octree->shape.self()] = 0;
@@ -386,7 +397,7 @@ class Raht {
       : unit_(unit), shape_(octree.shape), models_(unit.num_models), threads_(threads), levels_(octree.levels) {
     for (Level& level : levels_) {
       level.mean.resize(level.count() * components_);
-      level.energy.assign(2 * level.count(), 0);
+      if (&level != &levels_.back()) level.energy.assign(2 * level.count(), 0);
       level.q.clear();
       level.dct.clear();
       level.known.clear();
@@ -511,7 +522,7 @@ class Raht {
     block.mask = mask;
     u32 child = level_->first_child[node];
     for (int octant = 0; octant < 8; octant++)
-      if (mask >> octant & 1) block.W[7 + octant] = i32(lower_->weight[child++]);
+      if (mask >> octant & 1) block.W[7 + octant] = lower_->weight.empty() ? 1 : i32(lower_->weight[child++]);
     for (int n = 6; n >= 0; n--) block.W[n] = block.W[2 * n + 1] + block.W[2 * n + 2];
     block.splits = ones(mask) - 1;
     predict(block);
@@ -864,15 +875,14 @@ class Raht {
   // Calls what(voxel, row of its parent, x, y, z of the voxel in it) for every voxel.
   template <typename What>
   void for_each_voxel(u32 first, u32 end, What what) const {
-    const Level &upper = levels_[unit_.depth - 1], &level = levels_[unit_.depth];
-    for (u32 v = first; v < end; v++) {
-      if (v % 1024 == 0) check_stop();
-      u32 p = level.parent[v];
-      int left = upper.children[p];
-      for (u32 skip = v - upper.first_child[p]; skip > 0; skip--) left &= left - 1;
-      int octant = __builtin_ctz(left);
-      what(v, row_of(p), octant & 1, octant >> 1 & 1, octant >> 2);
-    }
+    const Level& upper = levels_[unit_.depth - 1];
+    u32 p = u32(std::upper_bound(upper.first_child.begin(), upper.first_child.end(), first) - upper.first_child.begin()) - 1;
+    for (u32 v = first; v < end; p++)
+      for (int left = upper.children[p]; left; left &= left - 1, v++) {
+        if (v % 1024 == 0) check_stop();
+        int octant = __builtin_ctz(left);
+        what(v, row_of(p), octant & 1, octant >> 1 & 1, octant >> 2);
+      }
   }
 
   void filter(Level& level) const {

@@ -83,10 +83,12 @@ const std::array<std::array<u32, 64 * 64>, 2> gains = [] {  // by half, and weig
   return g;
 }();
 
-int ones(u32 mask) {  // of eight bits
-  static const u8 nibble[16] = {0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4};
-  return nibble[mask & 15] + nibble[mask >> 4];
-}
+const std::array<u8, 256> counts = [] {
+  std::array<u8, 256> t{};
+  for (int mask = 1; mask < 256; mask++) t[mask] = u8(t[mask >> 1] + (mask & 1));
+  return t;
+}();
+int ones(u32 mask) { return counts[mask]; }  // of eight bits
 
 int fine(i64 v) { return tables.fine[v < 96 ? v : 96]; }
 int class_of(i64 e) { return tables.classes[e < 255 ? e : 255]; }
@@ -98,15 +100,15 @@ i64 quotient(i64 a, i64 b) { return b < 1 << 20 && magnitude(a) < b << 23 ? by_r
 
 // ---- 7.6.4
 
-// Numbers in binary64, where all of them are exact.
+// Whole numbers in binary64, where all of them are exact.
 struct WeightSet {
-  i32 weight[8], bias = 0, count = 0;
-  WeightSet() { std::fill(weight, weight + 8, 13107); }
-  Reals weights(int i) const { return __builtin_convertvector(loaded<Whole>(weight + i), Reals); }
+  double weight[8];
+  i32 bias = 0, count = 0;
+  WeightSet() { std::fill(weight, weight + 8, 13107.0); }
   template <int m>
   TEXF_INLINE i32 output(const Reals* s) const {
-    Reals sums = weights(0) * s[0];
-    for (int i = REALS; i < m; i += REALS) sums += weights(i) * s[i / REALS];
+    Reals sums = loaded<Reals>(weight) * s[0];
+    for (int i = REALS; i < m; i += REALS) sums += loaded<Reals>(weight + i) * s[i / REALS];
     double sum = 256.0 * bias;
     for (int l = 0; l < REALS; l++) sum += sums[l];
     return i32(clip(-2816, 2816, i64(sum) >> 16));
@@ -117,10 +119,9 @@ struct WeightSet {
     double part = error / 1048576.0;
     const Reals most = Reals{} + 1048576.0;
     for (int i = 0; i < m; i += REALS) {
-      Reals change = s[i / REALS] * part + 1.0 / 2097152, w = weights(i) + ((change + 6755399441055744.0) - 6755399441055744.0);  // nearest, never a tie
+      Reals change = s[i / REALS] * part + 1.0 / 2097152, w = loaded<Reals>(weight + i) + ((change + 6755399441055744.0) - 6755399441055744.0);  // nearest, never a tie
       w = least<Reals>(w < -most ? -most : w, most);
-      Whole kept = __builtin_convertvector(w, Whole);
-      memcpy(weight + i, &kept, sizeof kept);
+      memcpy(weight + i, &w, sizeof w);
     }
     bias = i32(clip(-(1 << 20), 1 << 20, bias + ((256 * i64(error) + (1 << 19)) >> 20)));
     count = std::min(count + 1, 1521);
@@ -1007,7 +1008,7 @@ class Raht {
     }
   }
 
-  TEXF_OFTEN void filter_children(const Level& level, const Level& upper, u32 p, const i8* const* taps_of, i32* filtered) const {
+  TEXF_VECTORS void filter_children(const Level& level, const Level& upper, u32 p, const i8* const* taps_of, i32* filtered) const {
     static const i8 steps[26] = {-16, -4, -1, 1, 4, 16, -20, -17, -15, -12, -5, -3, 3, 5, 12, 15, 17, 20, -21, -19, -13, -11, 11, 13, 19, 21};
     Four means[64] = {};  // by place: components, 1
     i32 luma[64] = {};    // of the first component

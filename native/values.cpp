@@ -293,6 +293,7 @@ struct Shape {  // what depends on the support alone
 struct Octree {
   Shape shape;
   std::vector<Level> levels;
+  Array<i32> squares = {};  // means of texels while they are filtered
 };
 
 std::shared_ptr<Octree> octree_of(const std::vector<u64>& keys, int depth, bool planar) {
@@ -395,7 +396,7 @@ class Raht {
 
  public:
   Raht(const AttributeUnit& unit, Octree& octree, int threads)
-      : unit_(unit), shape_(octree.shape), models_(unit.num_models), threads_(threads), levels_(octree.levels) {
+      : unit_(unit), shape_(octree.shape), models_(unit.num_models), threads_(threads), levels_(octree.levels), squares_(octree.squares) {
     for (Level& level : levels_) {
       level.mean.resize(level.count() * components_);
       if (&level != &levels_.back()) level.energy.assign(2 * level.count(), 0);
@@ -896,16 +897,20 @@ class Raht {
         taps_of[bit] = stage.mask >> bit & 1 ? &stage.coefficients[taps * set++] : none;
       if (unit_.planar) {
         const Level& squares = levels_[unit_.depth - across];
-        Array<i32> means(squares.count() * 64 * components_, ABSENT);
+        squares_.resize(std::max(squares_.size(), squares.count() * 64 * components_));
+        i32* means = squares_.data();
         by_pieces(threads_, squares.count(), [&](size_t s, size_t end) {
-          for (u32 v = first_below(unit_.depth - across, s); s < end; s++)
+          for (u32 v = first_below(unit_.depth - across, s); s < end; s++) {
+            i32* of_square = means + s * 64 * components_;
+            if (squares.weight[s] < 64) std::fill(of_square, of_square + 64 * components_, ABSENT);
             for (u32 n = 0; n < squares.weight[s]; n++, v++)
-              for (int c = 0; c < components_; c++) means[(s * components_ + c) * 64 + level.cell[v]] = level.mean[size_t(v) * components_ + c];
+              for (int c = 0; c < components_; c++) of_square[c * 64 + level.cell[v]] = level.mean[size_t(v) * components_ + c];
+          }
         });
         by_pieces(threads_, squares.count(), [&](size_t s, size_t end) {
           for (u32 v = first_below(unit_.depth - across, s); s < end; v += squares.weight[s++]) {
             if (s % 256 == 0) check_stop();
-            filter_square(level, squares, u32(s), v, 1 << across, means.data(), taps_of);
+            filter_square(level, squares, u32(s), v, 1 << across, means, taps_of);
           }
         });
       } else {
@@ -1299,6 +1304,7 @@ class Raht {
   const Shape& shape_;
   int models_, threads_;
   std::vector<Level>& levels_;
+  Array<i32>& squares_;
   i64 step_[3] = {1, 1, 1}, inverse_[3] = {}, falloff_inverse_ = 0;
   i32 least_[4];
   double kernels_[27][9][8] = {};  // 7.3: by direction and octant there, or 8 for the whole node, of every octant here

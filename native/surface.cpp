@@ -69,8 +69,16 @@ class Weights {
       if (key != key_) find(key);
       u64 voxel = ((x & 3) * 5 & 9) + ((y & 3) * 5 & 9) * 2 + ((z & 3) * 5 & 9) * 4;
       touched_[brick_] |= 1ull << voxel;
-      if (weights_) weights_[voxel] = Weight(std::min(weights_[voxel] + share, most_));
+      if (weights_) weights_[voxel] = Weight(std::min(u64(weights_[voxel]) + share, most_));
       for (int axis = 0; axis < 3; axis++) at[axis] += step[axis];
+    }
+  }
+
+  void merge(Weights& other) {
+    for (size_t n = 0; n < other.bricks_.size(); n++) {
+      find(other.bricks_[n]);
+      touched_[brick_] |= other.touched_[n];
+      for (int at = 0; at < 64 && most_ > 0; at++) weights_[at] = Weight(std::min(u64(weights_[at]) + other.weights_of(n)[at], most_));
     }
   }
 
@@ -216,6 +224,9 @@ class Image {  // one bit a texel
     for (i64 n = first / 64 + 1; n < last / 64; n++) row[n] = ~0ull;
     row[last / 64] |= end;
   }
+  void merge(const Image& other) {
+    for (size_t n = 0; n < bits_.size(); n++) bits_[n] |= other.bits_[n];
+  }
 
   // side: squares of 8 x 8 a side, as a power of two
   std::vector<u64> keys(int side) const {
@@ -295,30 +306,55 @@ void count_samples(Asset& asset) {
   }
 }
 
-std::vector<u64> active_voxels(const Asset& asset, size_t field, int resolution, int threshold) {
-  auto keys_of = [&](auto weights) {
-    for (const GeometryUnit& unit : asset.units)
-      for (size_t f = 0; unit.field == field && f < unit.num_faces(); f++)
-        add_face(weights, frame_of(unit, f, resolution, asset.position_bits), resolution);
-    return weights.keys();
+namespace {
+
+// Calls what(unit, face) for the faces of a field from the first to the one before `end`, counted over all units.
+template <typename What>
+void for_faces(const Asset& asset, size_t field, size_t first, size_t end, const What& what) {
+  size_t at = 0;
+  for (const GeometryUnit& unit : asset.units) {
+    if (unit.field != field) continue;
+    for (size_t f = first > at ? first - at : 0; f < unit.num_faces() && at + f < end; f++) what(unit, f);
+    at += unit.num_faces();
+  }
+}
+
+// Sums of parts, each of a share of a field's faces: what(part, unit, face).
+template <typename Part, typename What>
+Part sum_of_faces(const Asset& asset, size_t field, int threads, const Part& none, const What& what) {
+  size_t faces = 0;
+  for (const GeometryUnit& unit : asset.units) faces += unit.field == field ? unit.num_faces() : 0;
+  std::vector<Part> parts(size_t(std::max(1, threads)), none);
+  side_by_side(threads, parts.size(), [&](size_t n) {
+    for_faces(asset, field, faces * n / parts.size(), faces * (n + 1) / parts.size(), [&](const GeometryUnit& unit, size_t f) { what(parts[n], unit, f); });
+  });
+  for (size_t n = 1; n < parts.size(); n++) parts[0].merge(parts[n]);
+  return std::move(parts[0]);
+}
+
+}  // namespace
+
+std::vector<u64> active_voxels(const Asset& asset, size_t field, int resolution, int threshold, int threads) {
+  auto keys_of = [&](const auto& none) {
+    return sum_of_faces(asset, field, threads, none, [&](auto& weights, const GeometryUnit& unit, size_t f) {
+      add_face(weights, frame_of(unit, f, resolution, asset.position_bits), resolution);
+    }).keys();
   };
   i64 least = i64(threshold) << 24;
   return threshold < 256 ? keys_of(Weights<u32>(least, asset.limits.voxels)) : keys_of(Weights<u64>(least, asset.limits.voxels));
 }
 
-std::vector<u64> referenced_texels(const Asset& asset, size_t index) {
+std::vector<u64> referenced_texels(const Asset& asset, size_t index, int threads) {
   const Field& field = asset.fields[index];
-  Image image(field.width, field.height);
-  for (const GeometryUnit& unit : asset.units)
-    for (size_t f = 0; unit.field == index && f < unit.num_faces(); f++) {
-      Triangle triangle(unit, f, field.fraction_bits);
-      if (f % 64 == 0) check_stop();
-      for (i64 j = triangle.first_row(), end = triangle.last_row(); j <= end; j++) {
-        i64 first, last;
-        triangle.run(j, first, last);
-        fill_wrapped(image, wrapped(field.wrap[1], j, field.height), first, last, field.wrap[0], field.width);
-      }
+  Image image = sum_of_faces(asset, index, threads, Image(field.width, field.height), [&](Image& part, const GeometryUnit& unit, size_t f) {
+    Triangle triangle(unit, f, field.fraction_bits);
+    if (f % 64 == 0) check_stop();
+    for (i64 j = triangle.first_row(), end = triangle.last_row(); j <= end; j++) {
+      i64 first, last;
+      triangle.run(j, first, last);
+      fill_wrapped(part, wrapped(field.wrap[1], j, field.height), first, last, field.wrap[0], field.width);
     }
+  });
   return image.keys(bit_length((field.resolution + 7) / 8 - 1));
 }
 

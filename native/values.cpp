@@ -1466,7 +1466,7 @@ void decode_neural(Asset& asset) {
   AttributeUnit& unit = asset.attributes[0];
   for (LatentLevel& level : unit.levels)
     for (size_t i = 0; i < level.num_latents.size(); i++) {
-      level.keys.push_back(active_voxels(asset, i, level.resolution, level.threshold));
+      level.keys.push_back(active_voxels(asset, i, level.resolution, level.threshold, asset.threads));
       require_equal(level.keys.back().size(), level.num_latents[i], S30, "num_latents does not match");
     }
   Network network(unit);

@@ -319,8 +319,8 @@ std::unique_ptr<Asset> decode(const u8* data, size_t size, int lod, const texf_l
 
 // ---- surface.cpp
 void count_samples(Asset& asset);                                                           // 10.1
-std::vector<u64> active_voxels(const Asset& asset, size_t field, int resolution, int threshold);  // 6.1 to 6.4
-std::vector<u64> referenced_texels(const Asset& asset, size_t field);                            // 6.5
+std::vector<u64> active_voxels(const Asset& asset, size_t field, int resolution, int threshold, int threads);  // 6.1 to 6.4
+std::vector<u64> referenced_texels(const Asset& asset, size_t field, int threads);                            // 6.5
 void decode_marks(Asset& asset);                                                            // 8.4.2
 void decode_normals(Asset& asset);                                                          // 8.4.3, 8.4.4
 std::vector<std::vector<float>> shading_normals(const Asset& asset);                        // 8.4.1, of every unit's corners

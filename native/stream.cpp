@@ -31,24 +31,24 @@ i64 isqrt(u64 v) {
 
 u32 crc32(const void* data, size_t size, u32 before) {
   static const auto table = [] {
-    std::array<std::array<u32, 256>, 8> t{};
+    std::array<std::array<u32, 256>, 16> t{};
     for (u32 n = 0; n < 256; n++) {
       u32 c = n;
       for (int k = 0; k < 8; k++) c = c & 1 ? 0xedb88320u ^ c >> 1 : c >> 1;
       t[0][n] = c;
     }
-    for (int k = 1; k < 8; k++)
+    for (int k = 1; k < 16; k++)
       for (u32 n = 0; n < 256; n++) t[k][n] = t[0][t[k - 1][n] & 255] ^ t[k - 1][n] >> 8;
     return t;
   }();
   const u8* at = static_cast<const u8*>(data);
   u32 c = ~before;
-  for (; size >= 8; size -= 8, at += 8) {
-    u64 eight;
-    memcpy(&eight, at, 8);
-    eight ^= c;
+  for (; size >= 16; size -= 16, at += 16) {
+    u64 parts[2];
+    memcpy(parts, at, 16);
+    parts[0] ^= c;
     c = 0;
-    for (int k = 0; k < 8; k++) c ^= table[7 - k][eight >> (8 * k) & 255];
+    for (int k = 0; k < 16; k++) c ^= table[15 - k][parts[k / 8] >> (8 * (k % 8)) & 255];
   }
   while (size-- > 0) c = table[0][(c ^ *at++) & 255] ^ c >> 8;
   return ~c;
@@ -629,11 +629,19 @@ namespace {
 
 void decode_field(Asset& asset, size_t i, size_t next, size_t end, int threads) {  // and its attribute units
   Field& field = asset.fields[i];
-  field.keys = field.planar ? referenced_texels(asset, i) : active_voxels(asset, i, field.resolution, field.area_threshold);
+  field.keys = field.planar ? referenced_texels(asset, i, threads) : active_voxels(asset, i, field.resolution, field.area_threshold, threads);
   require_equal(field.keys.size(), field.num_keys, S30, "num_keys does not match");
-  require(crc32(field.keys.data(), 8 * field.keys.size()) == field.keys_crc, S30, "keys_crc does not match");
   std::shared_ptr<Octree> octree;  // of groups with the same level_shift, one after the other
   int shift = -1;
+  auto plant = [&](const AttributeUnit& unit) {
+    if (shift == unit.level_shift) return;
+    shift = unit.level_shift;
+    octree = octree_of(shift == 0 ? field.keys : asset.cells(i, shift), unit.depth, unit.planar);
+  };
+  side_by_side(threads, 2, [&](size_t part) {
+    if (part == 0) require(crc32(field.keys.data(), 8 * field.keys.size()) == field.keys_crc, S30, "keys_crc does not match");
+    else if (threads > 1 && next < end && asset.attributes[next].codec == RAHT && asset.chooses(next)) plant(asset.attributes[next]);
+  });
   for (; next < end; next++) {
     const AttributeUnit& unit = asset.attributes[next];
     check_stop();
@@ -644,7 +652,7 @@ void decode_field(Asset& asset, size_t i, size_t next, size_t end, int threads) 
       size_t count = asset.cells(i, unit.level_shift + lod).size();
       for (size_t n = 0; n < count; n++) values.insert(values.end(), unit.plane_value, unit.plane_value + unit.components);
     } else {
-      if (shift != unit.level_shift) octree = octree_of(asset.cells(i, shift = unit.level_shift), unit.depth, unit.planar);
+      plant(unit);
       values = decode_raht(unit, *octree, lod, threads);
     }
     require(lod > 0 || crc32(values.data(), values.size()) == unit.values_crc, S32, "values_crc does not match");

@@ -51,37 +51,53 @@ Frame frame_of(const GeometryUnit& unit, size_t face, int resolution, int positi
   return frame;
 }
 
-// Area weights of voxels, by bricks of 4 x 4 x 4 that are found through a hash table.
+// Area weights of voxels up to `most`, which Weight holds, by bricks of 4 x 4 x 4 that are found through a hash table. Without weights
+// where `most` is 0.
+template <typename Weight>
 class Weights {
  public:
-  Weights(bool weighted, u64 limit) : weighted_(weighted), limit_(limit), slots_(1 << 10, NONE) {}
+  Weights(i64 most, u64 limit) : most_(u64(most)), limit_(limit), slots_(1 << 10, NONE) {}
 
-  void add(i64 x, i64 y, i64 z, i64 share) {
-    u64 key = u64(x >> 2) | u64(y >> 2) << 11 | u64(z >> 2) << 22;
-    if (key != last_key_) {
-      last_key_ = key;
-      last_ = find(key);
+  // Samples at (at + i * step) >> 32
+  template <bool within_cube>
+  void add(i64 count, const i64 from[3], const i64 step[3], u64 share, i64 resolution) {
+    i64 at[3] = {from[0], from[1], from[2]};
+    share = std::min(share, most_);
+    for (i64 i = 0; i < count; i++) {
+      u64 x = place<within_cube>(at[0], resolution), y = place<within_cube>(at[1], resolution), z = place<within_cube>(at[2], resolution);
+      u64 key = x >> 2 | y >> 2 << 11 | z >> 2 << 22;
+      if (key != key_) find(key);
+      u64 voxel = ((x & 3) * 5 & 9) + ((y & 3) * 5 & 9) * 2 + ((z & 3) * 5 & 9) * 4;
+      touched_[brick_] |= 1ull << voxel;
+      if (weights_) weights_[voxel] = Weight(std::min(u64(weights_[voxel]) + share, most_));
+      for (int axis = 0; axis < 3; axis++) at[axis] += step[axis];
     }
-    int at = int((x & 1) | (y & 1) << 1 | (z & 1) << 2 | (x & 2) << 2 | (y & 2) << 3 | (z & 2) << 4);
-    u64 bit = 1ull << at;
-    if (!(touched_[last_] & bit)) {
-      touched_[last_] |= bit;
-      within(++count_, limit_, L04, "touched voxels");
-    }
-    if (weighted_) weights_[64 * size_t(last_) + at] += share;
   }
 
-  std::vector<u64> keys(i64 least) const {
-    std::vector<u64> order(bricks_.size());
-    for (size_t n = 0; n < order.size(); n++)
+  void merge(Weights& other) {
+    for (size_t n = 0; n < other.bricks_.size(); n++) {
+      find(other.bricks_[n]);
+      touched_[brick_] |= other.touched_[n];
+      for (int at = 0; at < 64 && most_ > 0; at++) weights_[at] = Weight(std::min(u64(weights_[at]) + other.weights_of(n)[at], most_));
+    }
+  }
+
+  std::vector<u64> keys() {
+    std::vector<u64> order(bricks_.size()), out;
+    u64 count = 0;
+    for (size_t n = 0; n < order.size(); n++) {
       order[n] = morton_key(bricks_[n] & 2047, bricks_[n] >> 11 & 2047, bricks_[n] >> 22) << 31 | n;  // at most 2^31 bricks
+      for (u64 left = touched_[n]; left; left &= left - 1) count++;
+    }
+    if (limit_ > 0) within(std::min(count, limit_ + 1), limit_, L04, "touched voxels");
     sort_keys(order);
-    std::vector<u64> out;
+    out.reserve(count);
     for (u64 both : order) {
       size_t n = both & 0x7fffffff;
+      const Weight* weights = most_ > 0 ? weights_of(n) : nullptr;
       for (u64 left = touched_[n]; left; left &= left - 1) {
         int at = __builtin_ctzll(left);
-        if (!weighted_ || weights_[64 * n + at] >= least) out.push_back((both >> 31) << 6 | u64(at));
+        if (!weights || weights[at] >= most_) out.push_back((both >> 31) << 6 | u64(at));
       }
     }
     return out;
@@ -89,50 +105,59 @@ class Weights {
 
  private:
   static constexpr u32 NONE = 0xffffffff;
+  static constexpr int PART = 1 << 10;  // bricks whose weights are allocated together
   static size_t mixed(u64 key) { return size_t((key * 0x9e3779b97f4a7c15ull) >> 32); }
-  u32 find(u64 key) {
+  template <bool within_cube>
+  static u64 place(i64 at, i64 resolution) { return u64(within_cube ? at >> 32 : clip(0, resolution - 1, at >> 32)); }
+  Weight* weights_of(size_t brick) { return &parts_[brick / PART][64 * (brick % PART)]; }
+  void find(u64 key) {
     size_t mask = slots_.size() - 1, at = mixed(key) & mask;
-    for (; slots_[at] != NONE; at = (at + 1) & mask)
-      if (bricks_[slots_[at]] == key) return slots_[at];
-    u32 number = u32(bricks_.size());
-    slots_[at] = number;
+    while (slots_[at] != NONE && bricks_[slots_[at]] != key) at = (at + 1) & mask;
+    if (slots_[at] == NONE) append(key, at);
+    else brick_ = slots_[at];
+    key_ = key;
+    if (most_ > 0) weights_ = weights_of(brick_);
+  }
+  void append(u64 key, size_t at) {
+    slots_[at] = brick_ = u32(bricks_.size());
     bricks_.push_back(key);
     touched_.push_back(0);
-    if (weighted_) weights_.resize(weights_.size() + 64, 0);
-    if (2 * bricks_.size() > slots_.size()) {
-      slots_.assign(2 * slots_.size(), NONE);
-      for (u32 n = 0; n < bricks_.size(); n++) {
-        size_t to = mixed(bricks_[n]) & (slots_.size() - 1);
-        while (slots_[to] != NONE) to = (to + 1) & (slots_.size() - 1);
-        slots_[to] = n;
-      }
+    within(bricks_.size(), limit_, L04, "touched voxels");
+    if (most_ > 0 && brick_ % PART == 0) parts_.emplace_back(64 * PART, 0);
+    if (2 * bricks_.size() <= slots_.size()) return;
+    slots_.assign(2 * slots_.size(), NONE);
+    for (u32 n = 0; n < bricks_.size(); n++) {
+      size_t to = mixed(bricks_[n]) & (slots_.size() - 1);
+      while (slots_[to] != NONE) to = (to + 1) & (slots_.size() - 1);
+      slots_[to] = n;
     }
-    return number;
   }
-  bool weighted_;
-  u64 limit_, count_ = 0, last_key_ = ~0ull;
-  u32 last_ = 0;
+  u64 most_, limit_, key_ = ~0ull;
+  u32 brick_ = 0;              // of key_
+  Weight* weights_ = nullptr;  // of its voxels
   std::vector<u32> slots_;
   std::vector<u64> bricks_, touched_;
-  std::vector<i64> weights_;
+  std::vector<std::vector<Weight>> parts_;
 };
 
-void add_face(Weights& weights, const Frame& f, i64 resolution) {  // 6.3
+template <typename Weight>
+void add_face(Weights<Weight>& weights, const Frame& f, i64 resolution) {  // 6.3
   i64 offset = f.columns > 4 * f.rows ? 0 : 1, rows = f.rows;
   for (i64 j = 0; j < rows; j++) {
     if (j % 64 == 0) check_stop();
     i64 left = 2 * rows - 2 * j - offset, count = std::max<i64>(1, (f.columns * left + 2 * rows - 1) / (2 * rows));
     i64 at[3], step[3], share = f.unit * (2 * rows - 2 * j - 1) / (2 * count);
+    bool within_cube = true;
     for (int axis = 0; axis < 3; axis++) {
       i64 start = (f.start[axis] + floor_div((f.apex[axis] - f.start[axis]) * (2 * j + offset), 2 * rows)) * 65536;
       i64 half = floor_div(floor_div((f.end[axis] - f.start[axis]) * left, 2 * rows) * 65536, 2 * count);
       at[axis] = start + half;
       step[axis] = 2 * half;
+      i64 last = at[axis] + (count - 1) * step[axis];
+      within_cube = within_cube && std::min(at[axis], last) >= 0 && std::max(at[axis], last) >> 32 < resolution;
     }
-    for (i64 i = 0; i < count; i++) {
-      weights.add(clip(0, resolution - 1, at[0] >> 32), clip(0, resolution - 1, at[1] >> 32), clip(0, resolution - 1, at[2] >> 32), share);
-      for (int axis = 0; axis < 3; axis++) at[axis] += step[axis];
-    }
+    if (within_cube) weights.template add<true>(count, at, step, u64(share), resolution);
+    else weights.template add<false>(count, at, step, u64(share), resolution);
   }
 }
 
@@ -187,7 +212,7 @@ i64 wrapped(int mode, i64 i, i64 size) {  // 6.5.3
 
 class Image {  // one bit a texel
  public:
-  Image(i64 width, i64 height) : words_((width + 63) / 64), bits_(size_t(words_) * height, 0) {}
+  Image(i64 width, i64 height) : words_((width + 63) / 64), width_(width), height_(height), bits_(size_t(words_) * height, 0) {}
   void fill(i64 y, i64 first, i64 last) {
     u64* row = &bits_[size_t(words_) * y];
     u64 begin = ~0ull << (first & 63), end = ~0ull >> (63 - (last & 63));
@@ -199,10 +224,51 @@ class Image {  // one bit a texel
     for (i64 n = first / 64 + 1; n < last / 64; n++) row[n] = ~0ull;
     row[last / 64] |= end;
   }
-  u8 eight(i64 x, i64 y) const { return u8(bits_[size_t(words_) * y + x / 64] >> (x & 63)); }
+  void merge(const Image& other) {
+    for (size_t n = 0; n < bits_.size(); n++) bits_[n] |= other.bits_[n];
+  }
+
+  // side: squares of 8 x 8 a side, as a power of two
+  std::vector<u64> keys(int side) const {
+    u64 within[64], count = 0;  // a square
+    for (u64 n = 0; n < 64; n++) within[n] = morton_key(even_bits(n), even_bits(n >> 1), 0);
+    for (u64 word : bits_) count += u64(ones(word));
+    std::vector<u64> out;
+    out.reserve(count);
+    for (u64 square = 0; square < 1ull << (2 * side); square++) {
+      u64 x = even_bits(square), y = even_bits(square >> 1), found[64];
+      if (x * 8 >= u64(width_) || y * 8 >= u64(height_)) continue;
+      int number = 0;
+      for (u64 left = texels(x, y), first = morton_key(8 * x, 8 * y, 0); left; left &= left - 1) found[number++] = first + within[__builtin_ctzll(left)];
+      out.insert(out.end(), found, found + number);
+    }
+    return out;
+  }
 
  private:
-  i64 words_;
+  static u64 even_bits(u64 v) {
+    v &= 0x55555555;
+    v = (v | v >> 1) & 0x33333333;
+    v = (v | v >> 2) & 0x0f0f0f0f;
+    v = (v | v >> 4) & 0x00ff00ff;
+    return (v | v >> 8) & 0xffff;
+  }
+  static int ones(u64 v) {
+    v -= v >> 1 & 0x5555555555555555;
+    v = (v & 0x3333333333333333) + (v >> 2 & 0x3333333333333333);
+    return int(((v + (v >> 4)) & 0x0f0f0f0f0f0f0f0f) * 0x0101010101010101 >> 56);
+  }
+  u64 texels(u64 x, u64 y) const {  // of square (x, y), in Morton order
+    static const u8 place[8] = {0, 2, 8, 10, 32, 34, 40, 42};
+    u64 out = 0;
+    for (u64 v = 0; v < 8 && 8 * y + v < u64(height_); v++) {
+      u64 row = bits_[size_t(words_) * (8 * y + v) + x / 8] >> (8 * x & 63) & 255;
+      row = (row | row << 12) & 0xf000f;
+      out |= ((row | row << 2) & 0x330033) << place[v];
+    }
+    return out;
+  }
+  i64 words_, width_, height_;
   std::vector<u64> bits_;
 };
 
@@ -240,46 +306,56 @@ void count_samples(Asset& asset) {
   }
 }
 
-std::vector<u64> active_voxels(const Asset& asset, size_t field, int resolution, int threshold) {
-  Weights weights(threshold > 0, asset.limits.voxels);
-  for (const GeometryUnit& unit : asset.units)
-    for (size_t f = 0; unit.field == field && f < unit.num_faces(); f++)
-      add_face(weights, frame_of(unit, f, resolution, asset.position_bits), resolution);
-  return weights.keys(i64(threshold) << 24);
+namespace {
+
+// Calls what(unit, face) for the faces of a field from the first to the one before `end`, counted over all units.
+template <typename What>
+void for_faces(const Asset& asset, size_t field, size_t first, size_t end, const What& what) {
+  size_t at = 0;
+  for (const GeometryUnit& unit : asset.units) {
+    if (unit.field != field) continue;
+    for (size_t f = first > at ? first - at : 0; f < unit.num_faces() && at + f < end; f++) what(unit, f);
+    at += unit.num_faces();
+  }
 }
 
-std::vector<u64> referenced_texels(const Asset& asset, size_t index) {
+// Sums of parts, each of a share of a field's faces: what(part, unit, face).
+template <typename Part, typename What>
+Part sum_of_faces(const Asset& asset, size_t field, int threads, const Part& none, const What& what) {
+  size_t faces = 0;
+  for (const GeometryUnit& unit : asset.units) faces += unit.field == field ? unit.num_faces() : 0;
+  std::vector<Part> parts(size_t(std::max(1, threads)), none);
+  side_by_side(threads, parts.size(), [&](size_t n) {
+    for_faces(asset, field, faces * n / parts.size(), faces * (n + 1) / parts.size(), [&](const GeometryUnit& unit, size_t f) { what(parts[n], unit, f); });
+  });
+  for (size_t n = 1; n < parts.size(); n++) parts[0].merge(parts[n]);
+  return std::move(parts[0]);
+}
+
+}  // namespace
+
+std::vector<u64> active_voxels(const Asset& asset, size_t field, int resolution, int threshold, int threads) {
+  auto keys_of = [&](const auto& none) {
+    return sum_of_faces(asset, field, threads, none, [&](auto& weights, const GeometryUnit& unit, size_t f) {
+      add_face(weights, frame_of(unit, f, resolution, asset.position_bits), resolution);
+    }).keys();
+  };
+  i64 least = i64(threshold) << 24;
+  return threshold < 256 ? keys_of(Weights<u32>(least, asset.limits.voxels)) : keys_of(Weights<u64>(least, asset.limits.voxels));
+}
+
+std::vector<u64> referenced_texels(const Asset& asset, size_t index, int threads) {
   const Field& field = asset.fields[index];
-  Image image(field.width, field.height);
-  for (const GeometryUnit& unit : asset.units)
-    for (size_t f = 0; unit.field == index && f < unit.num_faces(); f++) {
-      Triangle triangle(unit, f, field.fraction_bits);
-      if (f % 64 == 0) check_stop();
-      for (i64 j = triangle.first_row(), end = triangle.last_row(); j <= end; j++) {
-        i64 first, last;
-        triangle.run(j, first, last);
-        fill_wrapped(image, wrapped(field.wrap[1], j, field.height), first, last, field.wrap[0], field.width);
-      }
+  Image image = sum_of_faces(asset, index, threads, Image(field.width, field.height), [&](Image& part, const GeometryUnit& unit, size_t f) {
+    Triangle triangle(unit, f, field.fraction_bits);
+    if (f % 64 == 0) check_stop();
+    for (i64 j = triangle.first_row(), end = triangle.last_row(); j <= end; j++) {
+      i64 first, last;
+      triangle.run(j, first, last);
+      fill_wrapped(part, wrapped(field.wrap[1], j, field.height), first, last, field.wrap[0], field.width);
     }
-  std::vector<u64> keys;
-  int side = bit_length((field.resolution + 7) / 8 - 1);  // squares of 8 x 8 a side, as a power of two, in Morton order
-  for (u64 tile = 0; tile < 1ull << (2 * side); tile++) {
-    u64 x0 = 0, y0 = 0;
-    for (int i = 0; i < side; i++) {
-      x0 |= (tile >> (2 * i) & 1) << i;
-      y0 |= (tile >> (2 * i + 1) & 1) << i;
-    }
-    x0 *= 8, y0 *= 8;
-    if (x0 >= u64(field.width) || y0 >= u64(field.height)) continue;
-    u8 rows[8], any = 0;
-    for (u64 y = 0; y < 8; y++) any |= rows[y] = y0 + y < u64(field.height) ? image.eight(x0, y0 + y) : 0;
-    if (!any) continue;
-    for (int n = 0; n < 64; n++) {
-      int x = (n & 1) | (n >> 1 & 2) | (n >> 2 & 4), y = (n >> 1 & 1) | (n >> 2 & 2) | (n >> 3 & 4);
-      if (rows[y] >> x & 1) keys.push_back(morton_key(x0 + x, y0 + y, 0));
-    }
-  }
-  return keys;
+  });
+  return image.keys(bit_length((field.resolution + 7) / 8 - 1));
 }
 
 // ---- 8.4

@@ -83,10 +83,12 @@ const std::array<std::array<u32, 64 * 64>, 2> gains = [] {  // by half, and weig
   return g;
 }();
 
-int ones(u32 mask) {  // of eight bits
-  static const u8 nibble[16] = {0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4};
-  return nibble[mask & 15] + nibble[mask >> 4];
-}
+const std::array<u8, 256> counts = [] {
+  std::array<u8, 256> t{};
+  for (int mask = 1; mask < 256; mask++) t[mask] = u8(t[mask >> 1] + (mask & 1));
+  return t;
+}();
+int ones(u32 mask) { return counts[mask]; }  // of eight bits
 
 int fine(i64 v) { return tables.fine[v < 96 ? v : 96]; }
 int class_of(i64 e) { return tables.classes[e < 255 ? e : 255]; }
@@ -98,15 +100,15 @@ i64 quotient(i64 a, i64 b) { return b < 1 << 20 && magnitude(a) < b << 23 ? by_r
 
 // ---- 7.6.4
 
-// Numbers in binary64, where all of them are exact.
+// Whole numbers in binary64, where all of them are exact.
 struct WeightSet {
-  i32 weight[8], bias = 0, count = 0;
-  WeightSet() { std::fill(weight, weight + 8, 13107); }
-  Reals weights(int i) const { return __builtin_convertvector(loaded<Whole>(weight + i), Reals); }
+  double weight[8];
+  i32 bias = 0, count = 0;
+  WeightSet() { std::fill(weight, weight + 8, 13107.0); }
   template <int m>
   TEXF_INLINE i32 output(const Reals* s) const {
-    Reals sums = weights(0) * s[0];
-    for (int i = REALS; i < m; i += REALS) sums += weights(i) * s[i / REALS];
+    Reals sums = loaded<Reals>(weight) * s[0];
+    for (int i = REALS; i < m; i += REALS) sums += loaded<Reals>(weight + i) * s[i / REALS];
     double sum = 256.0 * bias;
     for (int l = 0; l < REALS; l++) sum += sums[l];
     return i32(clip(-2816, 2816, i64(sum) >> 16));
@@ -117,10 +119,9 @@ struct WeightSet {
     double part = error / 1048576.0;
     const Reals most = Reals{} + 1048576.0;
     for (int i = 0; i < m; i += REALS) {
-      Reals change = s[i / REALS] * part + 1.0 / 2097152, w = weights(i) + ((change + 6755399441055744.0) - 6755399441055744.0);  // nearest, never a tie
+      Reals change = s[i / REALS] * part + 1.0 / 2097152, w = loaded<Reals>(weight + i) + ((change + 6755399441055744.0) - 6755399441055744.0);  // nearest, never a tie
       w = least<Reals>(w < -most ? -most : w, most);
-      Whole kept = __builtin_convertvector(w, Whole);
-      memcpy(weight + i, &kept, sizeof kept);
+      memcpy(weight + i, &w, sizeof w);
     }
     bias = i32(clip(-(1 << 20), 1 << 20, bias + ((256 * i64(error) + (1 << 19)) >> 20)));
     count = std::min(count + 1, 1521);
@@ -201,10 +202,10 @@ struct SliceState {  // what a range is decoded with
 // ---- 7.1. Of the neighbours (x, y, z) of a node number (z + 1) * 9 + (y + 1) * 3 + x + 1 stands in its row, or without z over texels
 
 struct Level {
-  std::vector<u32> first_child;
-  Array<u32> parent, weight;
-  std::vector<u8> children;          // a bit for every octant
-  std::vector<u8> cell;              // of texels alone: 8 * y + x in the square of 8 x 8
+  size_t nodes = 0;
+  Array<u32> first_child, parent, weight;  // parent, weight: not of voxels and texels
+  Array<u8> children;                // a bit for every octant
+  Array<u8> cell;                    // of texels alone: 8 * y + x in the square of 8 x 8
   Array<u32> rows;                   // neighbours of every node, once they are asked for
   // of the attribute that is decoded
   std::vector<u8> energy;            // two planes
@@ -212,7 +213,7 @@ struct Level {
   Array<i8> q;                       // 7.11.2: q[1], q[3], q[4] of every component, limited to -2..2
   std::vector<u32> dct;              // 7.11.4: the number of the node's DCT block
   std::vector<u8> known;             // below one
-  size_t count() const { return parent.size(); }
+  size_t count() const { return nodes; }
   u32 child(u32 node, int octant) const {
     return children[node] >> octant & 1 ? first_child[node] + ones(children[node] & ((1u << octant) - 1)) : NONE;
   }
@@ -292,32 +293,44 @@ struct Shape {  // what depends on the support alone
 struct Octree {
   Shape shape;
   std::vector<Level> levels;
+  Array<i32> squares = {};  // means of texels while they are filtered
 };
 
 std::shared_ptr<Octree> octree_of(const std::vector<u64>& keys, int depth, bool planar) {
   auto octree = std::make_shared<Octree>(Octree{Shape(planar), std::vector<Level>(depth + 1)});
   std::vector<Level>& levels = octree->levels;
-  std::vector<u64> values = keys;
-  levels[depth].parent.resize(keys.size());
-  levels[depth].weight.assign(keys.size(), 1);
-  for (size_t n = 0; n < keys.size() && planar; n++)
-    levels[depth].cell.push_back(u8((keys[n] & 1) | (keys[n] >> 2 & 2) | (keys[n] >> 4 & 4) | (keys[n] << 2 & 8) | (keys[n] & 16) | (keys[n] >> 2 & 32)));
+  levels[depth].nodes = keys.size();
+  if (planar) {
+    levels[depth].cell.resize(keys.size());
+    for (size_t n = 0; n < keys.size(); n++)
+      levels[depth].cell[n] = u8((keys[n] & 1) | (keys[n] >> 2 & 2) | (keys[n] >> 4 & 4) | (keys[n] << 2 & 8) | (keys[n] & 16) | (keys[n] >> 2 & 32));
+  }
+  std::vector<u64> above;
   for (int l = depth; l > 0; l--) {
     Level &lower = levels[l], &upper = levels[l - 1];
-    std::vector<u64> above;
-    for (size_t n = 0; n < values.size(); n++) {
-      if (above.empty() || above.back() != values[n] >> 3) {
-        above.push_back(values[n] >> 3);
-        upper.first_child.push_back(u32(n));
-        upper.children.push_back(0);
-        upper.weight.push_back(0);
+    const std::vector<u64>& of = l == depth ? keys : above;
+    for (size_t n = 1; n < of.size(); n++) upper.nodes += of[n] >> 3 != of[n - 1] >> 3;
+    upper.nodes += !of.empty();
+    if (l < depth) lower.parent.resize(lower.nodes);
+    upper.first_child.resize(upper.nodes);
+    upper.weight.resize(upper.nodes);
+    upper.children.resize(upper.nodes);
+    if (l == depth) above.resize(upper.nodes);
+    u32 p = 0;
+    for (size_t n = 0; n < lower.nodes; p++) {
+      u64 key = of[n] >> 3;
+      u32 weight = 0, children = 0;
+      upper.first_child[p] = u32(n);
+      for (; n < lower.nodes && of[n] >> 3 == key; n++) {
+        children |= 1 << (of[n] & 7);
+        weight += l < depth ? lower.weight[n] : 1;
+        if (l < depth) lower.parent[n] = p;
       }
-      lower.parent[n] = u32(above.size() - 1);
-      upper.children.back() |= 1 << (values[n] & 7);
-      upper.weight.back() += lower.weight[n];
+      upper.weight[p] = weight;
+      upper.children[p] = u8(children);
+      above[p] = key;  // of those that are read
     }
-    upper.parent.resize(above.size());
-    values.swap(above);
+    above.resize(p);
   }
   levels[0].rows.assign(octree->shape.row, NONE);
   levels[0].rows[octree->shape.self()] = 0;
@@ -383,10 +396,10 @@ class Raht {
 
  public:
   Raht(const AttributeUnit& unit, Octree& octree, int threads)
-      : unit_(unit), shape_(octree.shape), models_(unit.num_models), threads_(threads), levels_(octree.levels) {
+      : unit_(unit), shape_(octree.shape), models_(unit.num_models), threads_(threads), levels_(octree.levels), squares_(octree.squares) {
     for (Level& level : levels_) {
       level.mean.resize(level.count() * components_);
-      level.energy.assign(2 * level.count(), 0);
+      if (&level != &levels_.back()) level.energy.assign(2 * level.count(), 0);
       level.q.clear();
       level.dct.clear();
       level.known.clear();
@@ -511,7 +524,7 @@ class Raht {
     block.mask = mask;
     u32 child = level_->first_child[node];
     for (int octant = 0; octant < 8; octant++)
-      if (mask >> octant & 1) block.W[7 + octant] = i32(lower_->weight[child++]);
+      if (mask >> octant & 1) block.W[7 + octant] = lower_->weight.empty() ? 1 : i32(lower_->weight[child++]);
     for (int n = 6; n >= 0; n--) block.W[n] = block.W[2 * n + 1] + block.W[2 * n + 2];
     block.splits = ones(mask) - 1;
     predict(block);
@@ -864,15 +877,14 @@ class Raht {
   // Calls what(voxel, row of its parent, x, y, z of the voxel in it) for every voxel.
   template <typename What>
   void for_each_voxel(u32 first, u32 end, What what) const {
-    const Level &upper = levels_[unit_.depth - 1], &level = levels_[unit_.depth];
-    for (u32 v = first; v < end; v++) {
-      if (v % 1024 == 0) check_stop();
-      u32 p = level.parent[v];
-      int left = upper.children[p];
-      for (u32 skip = v - upper.first_child[p]; skip > 0; skip--) left &= left - 1;
-      int octant = __builtin_ctz(left);
-      what(v, row_of(p), octant & 1, octant >> 1 & 1, octant >> 2);
-    }
+    const Level& upper = levels_[unit_.depth - 1];
+    u32 p = u32(std::upper_bound(upper.first_child.begin(), upper.first_child.end(), first) - upper.first_child.begin()) - 1;
+    for (u32 v = first; v < end; p++)
+      for (int left = upper.children[p]; left; left &= left - 1, v++) {
+        if (v % 1024 == 0) check_stop();
+        int octant = __builtin_ctz(left);
+        what(v, row_of(p), octant & 1, octant >> 1 & 1, octant >> 2);
+      }
   }
 
   void filter(Level& level) const {
@@ -885,16 +897,20 @@ class Raht {
         taps_of[bit] = stage.mask >> bit & 1 ? &stage.coefficients[taps * set++] : none;
       if (unit_.planar) {
         const Level& squares = levels_[unit_.depth - across];
-        Array<i32> means(squares.count() * 64 * components_, ABSENT);
+        squares_.resize(std::max(squares_.size(), squares.count() * 64 * components_));
+        i32* means = squares_.data();
         by_pieces(threads_, squares.count(), [&](size_t s, size_t end) {
-          for (u32 v = first_below(unit_.depth - across, s); s < end; s++)
+          for (u32 v = first_below(unit_.depth - across, s); s < end; s++) {
+            i32* of_square = means + s * 64 * components_;
+            if (squares.weight[s] < 64) std::fill(of_square, of_square + 64 * components_, ABSENT);
             for (u32 n = 0; n < squares.weight[s]; n++, v++)
-              for (int c = 0; c < components_; c++) means[(s * components_ + c) * 64 + level.cell[v]] = level.mean[size_t(v) * components_ + c];
+              for (int c = 0; c < components_; c++) of_square[c * 64 + level.cell[v]] = level.mean[size_t(v) * components_ + c];
+          }
         });
         by_pieces(threads_, squares.count(), [&](size_t s, size_t end) {
           for (u32 v = first_below(unit_.depth - across, s); s < end; v += squares.weight[s++]) {
             if (s % 256 == 0) check_stop();
-            filter_square(level, squares, u32(s), v, 1 << across, means.data(), taps_of);
+            filter_square(level, squares, u32(s), v, 1 << across, means, taps_of);
           }
         });
       } else {
@@ -997,7 +1013,7 @@ class Raht {
     }
   }
 
-  TEXF_OFTEN void filter_children(const Level& level, const Level& upper, u32 p, const i8* const* taps_of, i32* filtered) const {
+  TEXF_VECTORS void filter_children(const Level& level, const Level& upper, u32 p, const i8* const* taps_of, i32* filtered) const {
     static const i8 steps[26] = {-16, -4, -1, 1, 4, 16, -20, -17, -15, -12, -5, -3, 3, 5, 12, 15, 17, 20, -21, -19, -13, -11, 11, 13, 19, 21};
     Four means[64] = {};  // by place: components, 1
     i32 luma[64] = {};    // of the first component
@@ -1288,6 +1304,7 @@ class Raht {
   const Shape& shape_;
   int models_, threads_;
   std::vector<Level>& levels_;
+  Array<i32>& squares_;
   i64 step_[3] = {1, 1, 1}, inverse_[3] = {}, falloff_inverse_ = 0;
   i32 least_[4];
   double kernels_[27][9][8] = {};  // 7.3: by direction and octant there, or 8 for the whole node, of every octant here
@@ -1449,7 +1466,7 @@ void decode_neural(Asset& asset) {
   AttributeUnit& unit = asset.attributes[0];
   for (LatentLevel& level : unit.levels)
     for (size_t i = 0; i < level.num_latents.size(); i++) {
-      level.keys.push_back(active_voxels(asset, i, level.resolution, level.threshold));
+      level.keys.push_back(active_voxels(asset, i, level.resolution, level.threshold, asset.threads));
       require_equal(level.keys.back().size(), level.num_latents[i], S30, "num_latents does not match");
     }
   Network network(unit);

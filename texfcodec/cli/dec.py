@@ -7,6 +7,7 @@ import click
 
 from ..api import decode
 from ..bitstream.file import read_stream_file
+from ..errors import TexfError
 from ..io.container.layout import open_scene_file
 from ..io.formats import APPEARANCES, ATLAS_METHODS, COMPRESSIONS, SAVED_SUFFIXES, TEXTURE_FORMATS
 from ..io.gltf.carried import stream_within
@@ -65,7 +66,6 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     Exit codes: 0 done, 1 command line, 2 input or output, 3 invalid stream, 4 internal, 5 not supported, 6 limit exceeded, 130
     interrupted.
     """
-    from ..batch.compile_beside import compile_beside
     from ..io.save import check_choices
     from ..sandbox.engines import first_engine
 
@@ -101,7 +101,11 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     compiles = first_engine(options) == "numba"
     if compiles:
         console.note_first_run(DECODING)
-    compile_beside(options.threads, *_stages(out, save_options["appearance"], compiles))
+    stages = [*_stages(out, save_options["appearance"], compiles, partial(_over_voxels, data, limits))]
+    if stages:
+        from ..batch.compile_beside import compile_beside
+
+        compile_beside(options.threads, *stages)
     with console.progress() as report:
         texf = decode(data, options, report)
         if carry_stream:
@@ -120,12 +124,23 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
     console.result(facts, _lines(facts, out, texf.counted()))
 
 
-def _stages(out, appearance, compiles):
-    """Stages of precompile.py whose kernels this run may need."""
+def _stages(out, appearance, compiles, over_voxels):
+    """Stages of precompile.py whose kernels this run may need. over_voxels: tells whether the stream has such fields."""
     if compiles:
         yield "decode"
-    if appearance in (None, "texture") and not out.lower().endswith((".ply", ".npz", _STREAM)):
+    if appearance in (None, "texture") and not out.lower().endswith((".ply", ".npz", _STREAM)) and over_voxels():
         yield "save"
+
+
+def _over_voxels(data, limits):
+    """Whether a field of the stream is over voxels; its faces need an atlas. Damage is what decode() names."""
+    from ..bitstream.stream import read_stream
+    from ..bitstream.syntax import SUPPORT_TEXELS
+
+    try:
+        return any(values["support"] != SUPPORT_TEXELS for values in read_stream(data, limits).fields)
+    except TexfError:
+        return False
 
 
 def _fallback(texf, faces):

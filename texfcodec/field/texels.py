@@ -51,18 +51,34 @@ class TexelSupport(Keyed):
         return decode_morton(self.keys)[:, :2]
 
     @cached_property
+    def place(self) -> np.ndarray:
+        """Index of every texel in the rows of its image, int64 [N]."""
+        column, row = self.xy().T
+        return row * np.int64(self.size[0]) + column
+
+    @cached_property
     def rank(self) -> np.ndarray:
         """Rank of every texel of the image, int32 [height, width]; -1 for texels that are not referenced. Built at first
         access."""
-        out, xy = np.full(self.size[::-1], -1, np.int32), self.xy()
-        out[xy[:, 1], xy[:, 0]] = np.arange(len(xy), dtype=np.int32)
+        out = np.full(self.size[::-1], -1, np.int32)
+        out.ravel()[self.place] = np.arange(len(self.keys), dtype=np.int32)
         return out
 
     def image(self, values: np.ndarray) -> np.ndarray:
         """Return the image [height, width, C] of values [N, C], one for each of these texels; other texels are 0."""
-        out, xy = np.zeros((*self.size[::-1], values.shape[1]), values.dtype), self.xy()
-        out[xy[:, 1], xy[:, 0]] = values
+        out = np.zeros((*self.size[::-1], values.shape[1]), values.dtype)
+        rows = out.reshape(-1, values.shape[1])
+        if rows.dtype == np.uint8 and rows.shape[1] == 4:
+            rows, values = rows.view(np.uint32), np.ascontiguousarray(values).view(np.uint32)
+        rows[self.place] = values
         return out
+
+    def has_centres(self, columns: np.ndarray, rows: np.ndarray) -> bool:
+        """Return whether these are the centres of all columns and rows, in texels of the full image, and none lies outside it;
+        then query() there returns the values as they are. columns, rows: float64 [W], [H]."""
+        sides = zip((columns, rows), self.size, (self.width, self.height), strict=True)
+        return all(len(line) == count and count << self.level_shift == full
+                   and bool((line == (np.arange(count) + 0.5) * (1 << self.level_shift)).all()) for line, count, full in sides)
 
     def query(self, texel: np.ndarray, values: np.ndarray, threads: int = 1) -> np.ndarray:
         """Return the values at UVs of the surface (8.2): float32 [M, C]. texel: float64 [M, 2], UVs in texels of the full image;

@@ -6,11 +6,12 @@ both drop detail below the step. Squared errors of luma in texels at r03, of the
 """
 
 import io
+from itertools import takewhile
 
 import numpy as np
 
 from .formats import IMAGE_FORMATS, ImageFormat
-from .images import encode_jpeg
+from .images import encode_jpeg, some_rows
 
 # The stream's error is taken for so much of that JPEG's, and so much of what its step would make in noise.
 _OF_JPEG, _OF_NOISE = 1.5, 0.06
@@ -19,8 +20,9 @@ _SHARES = (0.3, 0.25, 0.2, 0.175, 0.15, 0.125, 0.1, 0.0)  # of the step, that ar
 LEAST_STEP = 4.0  # below it the rounding of JPEG's own colour transform is too much
 _TILE, _TILES = 64, 64  # texels a side of what is looked at, and how many of these
 _FEW = 4  # every so manyth row and column of the tiles is looked at first: Pillow takes seconds for a picture of many colours
+_THIN, _CLOSE = 8, 1.25  # every so manyth of a whole picture, and times the error that is allowed: beyond it the whole is not tried
 _PALETTES = (256, 128, 64, 32, 16)  # numbers of colours that are tried
-_BANDS = 4  # every fourth band of tiles tells how large a PNG gets
+_BANDS, _CLEARLY = 4, 1.5  # every fourth band of tiles tells how large a PNG gets; so many times a JPEG, fewer rows do
 _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
@@ -40,7 +42,7 @@ def automatic_image(image: np.ndarray, step: float | None, srgb: bool = True) ->
     if own is None:
         return IMAGE_FORMATS["png"], _png(image, palette)
     packed = encode_jpeg(image, **_jpeg_settings(own))
-    if _png_size(image) > len(packed):
+    if _png_size(image, some_rows(len(image))) > _CLEARLY * len(packed) or _png_size(image, _bands(len(image))) > len(packed):
         return IMAGE_FORMATS["jpeg"], packed
     exact = _png(image, None)
     return (IMAGE_FORMATS["png"], exact) if len(exact) <= len(packed) else (IMAGE_FORMATS["jpeg"], packed)
@@ -49,17 +51,17 @@ def automatic_image(image: np.ndarray, step: float | None, srgb: bool = True) ->
 def _near_palette(image, tiles, allowed, srgb):
     """Palette as of palette_of(), with the fewest colours whose mean squared error is at most `allowed`; None if 256 exceed it.
     Drawn images have few colours below the noise of coding."""
-    few, near = tiles[::_FEW, ::_FEW], None
+    few, thin = tiles[::_FEW, ::_FEW], image[::_THIN, ::_THIN]
     if _error(few, _quantised(few, _PALETTES[0])[1], srgb) > allowed:  # what does not do for a part, does not for the whole
         return None
-    for count in _PALETTES:
-        if _error(tiles, _quantised(tiles, count)[1], srgb) > allowed:
-            break
+    counts = list(takewhile(lambda count: _error(tiles, _quantised(tiles, count)[1], srgb) <= allowed, _PALETTES))
+    for count in reversed(counts):
+        if _error(thin, _quantised(thin, count)[1], srgb) > _CLOSE * allowed:
+            continue
         picture, shown = _quantised(image, count)
-        if _error(image, shown, srgb) > allowed:
-            break
-        near = np.array(picture.getpalette(), np.uint8).reshape(-1, 3), np.asarray(picture)
-    return near
+        if _error(image, shown, srgb) <= allowed:
+            return np.array(picture.getpalette(), np.uint8).reshape(-1, 3), np.asarray(picture)
+    return None
 
 
 def _quantised(image, count):
@@ -116,13 +118,14 @@ def _jpeg_settings(step):
     return {"qtables": [table, table], "subsampling": 0}
 
 
-def _png_size(image):
-    """Estimated bytes of an image as PNG."""
-    height = len(image)
-    if height <= _BANDS * _TILE:
-        return len(_png(image, None))
-    rows = np.flatnonzero(np.arange(height) // _TILE % _BANDS == 0)
-    return len(_png(image[rows], None)) * height // len(rows)
+def _png_size(image, rows):
+    """Bytes of an image as PNG, estimated by some of its rows."""
+    return len(_png(image[rows], None)) * len(image) // len(rows)
+
+
+def _bands(height):
+    """A quarter of the rows of an image, all of a small one."""
+    return np.flatnonzero((np.arange(height) // _TILE % _BANDS == 0) | (height <= _BANDS * _TILE))
 
 
 def _png(image, palette):
@@ -140,11 +143,14 @@ def _png(image, palette):
 def palette_of(image: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the palette of an image, uint8 [H, W, 3]: (colours uint8 [n, 3], index of each texel's colour uint8 [H, W]); None if
     the image has more than 256 colours."""
-    packed = image.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+    packed = image[..., 0].astype(np.int32) << 16 | image[..., 1].astype(np.int32) << 8 | image[..., 2]
     if len(np.unique(packed[:: max(1, len(packed) // 16)])) > 256:
         return None
-    colours, number = np.unique(packed, return_inverse=True)
+    seen = np.zeros(1 << 24, bool)
+    seen[packed] = True
+    colours = np.flatnonzero(seen)
     if len(colours) > 256:
         return None
-    split = np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=1).astype(np.uint8)
-    return split, number.reshape(packed.shape).astype(np.uint8)
+    number = np.zeros(1 << 24, np.uint8)
+    number[colours] = np.arange(len(colours))
+    return np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=1).astype(np.uint8), number[packed]

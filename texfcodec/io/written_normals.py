@@ -15,7 +15,7 @@ _SAME = 1 - 1e-4  # cosine of the angle, 0.8 degrees, within which normals at a 
 
 def are_lit(texf: Texf) -> bool:
     """Return whether any material on faces of a decoded stream is lit, so that normals change the picture."""
-    return any(not texf.materials[number].unlit for number in np.unique(texf.face_material).tolist())
+    return any(not texf.materials[number].unlit for number in np.flatnonzero(np.bincount(texf.face_material)).tolist())
 
 
 def distinct_normals(texf: Texf) -> tuple[np.ndarray, np.ndarray]:

@@ -50,4 +50,4 @@ def to_bytes(values: np.ndarray) -> np.ndarray:
     uint8, same shape
         The rounded values.
     """
-    return np.nan_to_num(np.rint(np.clip(values, 0.0, 255.0)), nan=0.0).astype(np.uint8)
+    return np.rint(np.fmin(np.fmax(values, 0.0), 255.0)).astype(np.uint8)  # fmax(): NaN becomes 0

@@ -135,7 +135,7 @@ class _Descent:
         self.mean = np.array([root], np.int32)
 
     def run(self, jobs):
-        return list(self.pool.map(lambda job: job(), jobs)) if len(jobs) > 1 else [job() for job in jobs]
+        return [job() for job in jobs] if self.pool is None or len(jobs) == 1 else list(self.pool.map(lambda job: job(), jobs))
 
     def blocks(self, depth):
         """Blocks of the parents at `depth`; the level kernels fill their energies and their children's means."""
@@ -258,7 +258,7 @@ def enc_attributes(keys: np.ndarray, depth: int, values: np.ndarray, qp: Sequenc
     trunk = _SliceEncoder(_new_model(tools), new_scratch(len(qp)))
     coders = active = [trunk]
     with ThreadPoolExecutor(threads) as pool:
-        walk = _Descent(octree, root, tools, pool)
+        walk = _Descent(octree, root, tools, pool if threads > 1 else None)
         for d in range(depth):
             ranges = _ranges(levels, d, slice_level, slice_first)
             if d == slice_level > 0:
@@ -318,7 +318,7 @@ def dec_attributes(keys: np.ndarray, depth: int, coded: CodedAttributes, data: n
     watched: list[list[int]] = [[] for _ in spans]
     first = 0  # codeword that the first of the active coders reads
     with ThreadPoolExecutor(threads) as pool:
-        walk = _Descent(octree, coded.root, coded, pool)
+        walk = _Descent(octree, coded.root, coded, pool if threads > 1 else None)
         for d in range(stop_level):
             ranges = _ranges(levels, d, coded.slice_level, coded.slice_first)
             if d == coded.slice_level > 0:

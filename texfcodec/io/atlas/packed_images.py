@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,6 +35,9 @@ def packed_texel_image(texf: Texf, number: int, packed: tuple[str, ...], texels:
     part = texf.fields[number]
     columns, rows = _thinned(part, packed, *texels)
     support = texel_support(part)
+    if support.has_centres(columns, rows) and not any(part.shifts.get(name, 0) for name in packed):
+        image = support.image(packed_texels({name: part.planes[name] for name in packed}))
+        return _filled(image, support.rank >= 0, packed)
     shift = support.level_shift
     referenced = support.rank[np.ix_(_cells(rows, shift, support.size[1]), _cells(columns, shift, support.size[0]))] >= 0
     row, column = np.nonzero(referenced)
@@ -41,6 +45,11 @@ def packed_texel_image(texf: Texf, number: int, packed: tuple[str, ...], texels:
     values = {name: texel_support(part, name).query(places, part.planes[name], texf.threads) for name in packed}
     image = np.zeros((*referenced.shape, 4), np.uint8)
     image[row, column] = packed_texels(values)
+    return _filled(image, referenced, packed)
+
+
+def _filled(image, referenced, packed):
+    """The image without alpha if no channel is in it, texels filled that no face refers to."""
     image = image if any(3 in BY_NAME[name].columns for name in packed) else np.ascontiguousarray(image[..., :3])
     fill_uncovered(image, referenced)
     return image
@@ -59,16 +68,23 @@ def _thinned(part, packed, columns, rows):
 
 
 def packed_texels(values: dict[str, np.ndarray]) -> np.ndarray:
-    """Return texels of an image that channels share, uint8 [N, 4], each channel in its columns and 255 elsewhere. values: float32
-    [N, C] in 0..255 by channel name of materials; normals are in tangent space."""
-    count = len(next(iter(values.values())))
-    out = np.full((count, 4), 255, np.float32)
+    """Return texels of an image that channels share, uint8 [N, 4], each channel in its columns and 255 elsewhere. values: uint8 or
+    float32 [N, C] in 0..255 by channel name of materials; normals are in tangent space."""
+    out = np.full((len(next(iter(values.values()))), 4), 255, np.uint8)
     for name, value in values.items():
         channel = channel_over(name, planar=True)
-        out[:, list(channel.columns)] = value
         if channel.unit == "degrees":
-            out[:, :3] = with_z(value)
-    return to_bytes(out)
+            out[:, :3] = _normals_by_byte()[value[:, 0], value[:, 1]] if value.dtype == np.uint8 else to_bytes(with_z(value))
+        else:
+            out[:, list(channel.columns)] = value if value.dtype == np.uint8 else to_bytes(value)
+    return out
+
+
+@cache
+def _normals_by_byte():
+    """Texels of normal maps by red and green, uint8 [256, 256, 3]."""
+    xy = np.stack(np.meshgrid(*[np.arange(256, dtype=np.float32)] * 2, indexing="ij"), axis=-1)
+    return to_bytes(with_z(xy.reshape(-1, 2))).reshape(256, 256, 3)
 
 
 def with_z(xy: np.ndarray) -> np.ndarray:

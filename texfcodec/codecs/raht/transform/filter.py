@@ -19,6 +19,7 @@ COEFFICIENT_BITS = 8 * RINGS  # what a class of a component costs in supports th
 LIMIT_SHIFT = 2  # differences are limited to a quarter of a step
 # Pieces that a fit looks at, at least; else one of EVERY. All pieces take 10 to 20 bytes less or more of half a million.
 FEWEST, EVERY = 16, 4
+AT_ONCE = 8  # pieces that a task filters; of a fit each is a task, because sums of floats depend on it
 
 
 @dataclass
@@ -54,8 +55,9 @@ def rings_of(octree: Octree) -> VoxelRings | TexelRings:
     return octree.rings
 
 
-def _pieces(rings):
-    return [(b, min(b + rings.pieces, rings.size)) for b in range(0, rings.size, rings.pieces)]
+def _pieces(rings, at_once=1):
+    size = at_once * rings.pieces
+    return [(b, min(b + size, rings.size)) for b in range(0, rings.size, size)]
 
 
 def apply_stage(stage: FilterStage, rings: VoxelRings | TexelRings, mean: np.ndarray, steps: np.ndarray,
@@ -66,7 +68,7 @@ def apply_stage(stage: FilterStage, rings: VoxelRings | TexelRings, mean: np.nda
         return mean
     filtered = np.empty_like(mean)
     factors = (1 << 32) // int(steps[0]), steps >> LIMIT_SHIFT, stage.coefficients
-    run([partial(rings.filter, b, e, mean, *factors, filtered) for b, e in _pieces(rings)])
+    run([partial(rings.filter, b, e, mean, *factors, filtered) for b, e in _pieces(rings, AT_ONCE)])
     return filtered
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from ....core.kernel import kernel
 from ....field.morton import compact, encode_morton
-from .rings import _count, _move, _roughness_class
+from .quantise import MAX_MEAN
+from .rings import COEFFICIENT_FRACTION, _count, _move, _roughness_class
 
 PLANAR_TAPS = 5  # faces, edges, the texels two away, faces limited, edges limited
 SIDE, BORDER = 8, 2
@@ -26,7 +27,7 @@ SQUARES = 128  # that a task works on; fixed, so that the statistics do not depe
 PER_COUNT = np.array([0, *((1 << 32) // n + 1 for n in range(1, 9))])  # v // n = v * PER_COUNT[n] >> 32 for v < 2**29
 OFFSETS = tuple(product((-1, 0, 1), repeat=2))
 OWN = 4  # the square itself
-# Scratch. there: int64 [AREA + 1], -1 where a texel is, else 0; values: int64 [C, AREA + 1], of no meaning where none is; the
+# Scratch. there: int32 [AREA + 1], -1 where a texel is, else 0; values: int32 [C, AREA + 1], of no meaning where none is; the
 # others are of _sum_up, classes int64 [SPAN]
 Picture = namedtuple("Picture", "there values sums sizes counts classes")
 
@@ -44,11 +45,17 @@ def _places():
 
 
 PLACES = _places()
+TEXELS = SIDE * SIDE  # of a whole square; these are in the order of their keys, those with z = 0
+_IN_WHOLE = PLACES[:, compact(np.arange(1 << BITS) >> 2) == 0]
+INSIDE = (_IN_WHOLE < AREA).sum(axis=1)  # texels of a whole neighbour in the picture
+NUMBERS = np.argsort(_IN_WHOLE == AREA, axis=1, kind="stable")  # these first
+PLACES_IN_WHOLE = np.take_along_axis(_IN_WHOLE, NUMBERS, axis=1)
 
 
 @kernel(forceinline=True)
 def _limited(v, limit):
-    return min(max(v, -limit), limit)
+    """v, limit: int32, so that a vector holds eight."""
+    return np.int32(min(max(v, np.int32(-limit)), limit))
 
 
 @kernel
@@ -60,8 +67,10 @@ def _lay_out(square, keys, first, near, mean, there, values):
         q = near[square, d]
         if q < 0:
             continue
-        for v in range(first[q], first[q + 1]):
-            place = PLACES[d, keys[v] & ((1 << BITS) - 1)]
+        whole = first[q + 1] - first[q] == TEXELS
+        for i in range(INSIDE[d] if whole else first[q + 1] - first[q]):
+            v = first[q] + (NUMBERS[d, i] if whole else i)
+            place = PLACES_IN_WHOLE[d, i] if whole else PLACES[d, keys[v] & ((1 << BITS) - 1)]
             if place == AREA:
                 continue
             there[place] = -1
@@ -73,14 +82,14 @@ def _lay_out(square, keys, first, near, mean, there, values):
 
 @kernel(forceinline=True)
 def _difference(own, i, there, values):
-    """Difference of a place to `own`; 0 without a texel."""
-    return (values[i] - own) & there[i]
+    """Difference of a place to `own`, int32; 0 without a texel."""
+    return np.int32((values[i] - own) & there[i])
 
 
 @kernel
 def _sum_up(limit, there, values, sums, sizes, counts):
-    """Fills sums int64 [PLANAR_TAPS * SPAN] for the places from the square's first texel to its last, sizes int64 [SPAN] with the
-    sums of absolute differences and counts int64 [SPAN] with their number. Each difference is < 2**23."""
+    """Fills sums int32 [PLANAR_TAPS * SPAN] for the places from the square's first texel to its last, sizes int32 [SPAN] with the
+    sums of absolute differences and counts int32 [SPAN] with their number. Each difference is < 2**24."""
     for j in range(SPAN):
         own = values[j + FIRST]
         n, s = _difference(own, j + FIRST - WIDTH, there, values), _difference(own, j + FIRST + WIDTH, there, values)
@@ -110,7 +119,7 @@ def _look_at(square, keys, first, near, mean, limits, inverse, picture):
     """Fills a Picture with sums and classes of a square."""
     _lay_out(square, keys, first, near, mean, picture.there, picture.values)
     for c in range(mean.shape[1] - 1, -1, -1):  # classes are of component 0
-        _sum_up(limits[c], picture.there, picture.values[c], picture.sums[c], picture.sizes, picture.counts)
+        _sum_up(np.int32(limits[c]), picture.there, picture.values[c], picture.sums[c], picture.sizes, picture.counts)
     for j in range(SPAN):
         picture.classes[j] = _roughness_class((picture.sizes[j] * PER_COUNT[picture.counts[j]]) >> 32, inverse)
 
@@ -132,7 +141,12 @@ def _filter(begin, end, keys, first, near, mean, inverse, limits, coefficients, 
     for square in range(begin, end):
         _look_at(square, keys, first, near, mean, limits, inverse, picture)
         for v in range(first[square], first[square + 1]):
-            _move(v, mean, coefficients, _rings_of(v, keys, picture, rings), PLANAR_TAPS, rings, filtered)
+            j = PLACES[OWN, keys[v] & ((1 << BITS) - 1)] - FIRST
+            for c in range(mean.shape[1]):
+                change = np.int64(1 << (COEFFICIENT_FRACTION - 1))
+                for tap in range(PLANAR_TAPS):
+                    change += coefficients[picture.classes[j], c, tap] * picture.sums[c, tap * SPAN + j]
+                filtered[v, c] = min(max(mean[v, c] + (change >> COEFFICIENT_FRACTION), -MAX_MEAN), MAX_MEAN)
 
 
 @kernel
@@ -146,9 +160,9 @@ def _statistics(begin, end, keys, first, near, mean, inverse, limits, original, 
 
 
 def _scratch(components):
-    zeros = lambda *shape: np.zeros(shape, np.int64)
+    zeros = lambda *shape: np.zeros(shape, np.int32)
     return (Picture(zeros(AREA + 1), zeros(components, AREA + 1), zeros(components, PLANAR_TAPS * SPAN), zeros(SPAN), zeros(SPAN),
-                    zeros(SPAN)), zeros(components, PLANAR_TAPS))
+                    np.zeros(SPAN, np.int64)), np.zeros((components, PLANAR_TAPS), np.int64))
 
 
 class TexelRings:

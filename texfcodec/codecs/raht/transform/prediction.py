@@ -82,10 +82,12 @@ def _predict(p, first, nodes, means, kernel, inverse, sums, predicted):
     Each neighbour is visited once and adds to the children that it touches, because most neighbours on a surface are empty.
     """
     table, parent_mean, child_mean = nodes.table, means.parent, means.child
-    own, last = 64 * kernel[0], parent_mean.shape[1] - 1
-    sums[:] = 0
-    for octant in range(8):
-        _add(sums, octant, own, parent_mean, p)
+    own, last, octants = 64 * kernel[0], parent_mean.shape[1] - 1, 4 if nodes.planar else 8
+    sums[0, 0], sums[0, 1], sums[0, 2], sums[0, 3] = 0, 0, 0, 0
+    _add(sums, 0, own, parent_mean, p)
+    for octant in range(1, octants):
+        for i in range(4):
+            sums[octant, i] = sums[0, i]
     directions = PLANAR_DIRECTIONS if nodes.planar else (CORNERS if kernel[3] == 0 and kernel[6] == 0 else DIRECTIONS.shape[0])
     for i in range(directions):
         entry = DIRECTIONS[i]
@@ -106,7 +108,7 @@ def _predict(p, first, nodes, means, kernel, inverse, sums, predicted):
             w = _falloff(child_mean, node, parent_mean, p, inverse) if inverse else 64
             for t in range(touched):
                 _add(sums, TOUCHED[i, t], w * kernel[TOUCHED_ENTRY[i, j, t]], child_mean, node)
-    for octant in range(8):
+    for octant in range(octants):
         if not (nodes.occupancy[p] >> octant) & 1:
             predicted[octant] = 0
             continue

@@ -25,8 +25,8 @@ struct Ends {
 };
 
 uint8_t nearest192[256], decoded192[256], trits[243];  // ASTC: code of an 8 bit value, its value, five trits as 8 bits
-float linear[256];
-uint8_t srgb[4096];
+uint16_t linear[256];
+uint8_t srgb[4096];  // of linear values in steps of 1/4096, which are finer than those of 8 bits of sRGB
 
 // ---- Tables
 
@@ -76,7 +76,7 @@ void make_tables() {
       if (away < best) best = away, nearest192[v] = uint8_t(code), decoded192[v] = uint8_t(value);
     }
     float x = v / 255.0f;
-    linear[v] = x <= 0.04045f ? x / 12.92f : power((x + 0.055f) / 1.055f, 2.4f);
+    linear[v] = uint16_t(65535 * (x <= 0.04045f ? x / 12.92f : power((x + 0.055f) / 1.055f, 2.4f)) + 0.5f);
   }
   for (int i = 0; i < 4096; i++) {
     float x = (i + 0.5f) / 4096;
@@ -353,9 +353,7 @@ void halve(uint8_t* picture, int& width, int& height, bool colour) {
       uint8_t four[4];
       for (int k = 0; k < 4; k++) {
         int a = from[0][k], b = from[1][k], c = from[2][k], d = from[3][k];
-        bool same = a == b && a == c && a == d;
-        four[k] = !colour || k == 3 || same ? uint8_t((a + b + c + d + 2) >> 2)
-                                            : srgb[int((linear[a] + linear[b] + linear[c] + linear[d]) * 1023.75f)];
+        four[k] = colour && k < 3 ? srgb[(linear[a] + linear[b] + linear[c] + linear[d]) >> 6] : uint8_t((a + b + c + d + 2) >> 2);
       }
       __builtin_memcpy(picture + 4 * (y * w + x), four, 4);
     }

@@ -67,12 +67,15 @@ export class Decoder {
   /**
    * Codes a picture as blocks of a graphics card, with mipmaps, in a worker.
    *
-   * @param {import('./pictures.js').Picture} picture stays as it is
+   * @param {import('./pictures.js').Picture} picture whose data go to the worker
    * @param {import('./blocks.js').BlockFormat} format @param {boolean} isColour whether its RGB is sRGB @param {AbortSignal} [signal]
    * @returns {Promise<import('./blocks.js').Blocks>} rejected with a TexfError, also where the browser has no WebAssembly with SIMD
    */
   blocks(picture, format, isColour, signal) {
-    this.blocksModule ??= moduleOf('blocks.wasm', this.blocksWasm, () => new URL('./blocks.wasm', import.meta.url));
+    this.blocksModule ??= moduleOf('blocks.wasm', this.blocksWasm, () => new URL('./blocks.wasm', import.meta.url)).catch((error) => {
+      this.blocksModule = null;
+      throw error;
+    });
     const stops = AbortSignal.any([this.life.signal, ...(signal ? [signal] : [])]);
     return this.job({picture, format, isColour}, stops, this.blocksModule);
   }
@@ -216,11 +219,11 @@ class PoolWorker {
     return new Promise((resolve, reject) => {
       this.resolve = resolve;
       this.reject = reject;
-      const bytes = new Uint8Array(job.bytes ?? 0); // a copy: slice() of a Buffer is none
+      const given = job.picture ? {} : {bytes: new Uint8Array(job.bytes)}; // a copy: slice() of a Buffer is none
       const send = () => {
         if (!this.alive) return;
         if (IN_NODE) this.worker.ref();
-        this.worker.postMessage({...job, bytes, id: ++this.count}, [bytes.buffer]);
+        this.worker.postMessage({...job, ...given, id: ++this.count}, [(given.bytes ?? job.picture.data).buffer]);
       };
       if (this.worker) send();
       else this.start().then(send, (error) => this.fail(new TexfError('internal', String(error))));

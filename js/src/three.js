@@ -366,7 +366,7 @@ function texelTextures(to, material, field, number) {
   for (const [property, channels, isColour] of all) {
     const other = isAlone({channels, isColour}) ? undefined : textures.find((texture) => !isAlone(texture)
       && sizeOf(texture.channels) === sizeOf(channels) && channels.every((name, k) => !name || !texture.channels[k]));
-    if (other) [other.properties, other.channels] = [[...other.properties, property], other.channels.map((name, k) => name ?? channels[k])];
+    if (other) [other.properties, other.channels] = [[...other.properties, property], [0, 1, 2, 3].map((k) => other.channels[k] ?? channels[k] ?? null)];
     else textures.push({properties: [property], channels, isColour});
   }
   return textures.map((texture) => ({...texture, key: `${number} ${texture.channels} ${texture.isColour}`}));

@@ -248,7 +248,7 @@ function geometryOf({positions, indices, normals, uvs}) {
   geometry.setAttribute('position', gathered(positions, vertex, 3));
   geometry.setAttribute('normal', gathered(normals, corner, 3));
   if (uvs) geometry.setAttribute('uv', gathered(uvs, vertex, 2));
-  geometry.setIndex(new BufferAttribute(index, 1));
+  geometry.setIndex(new BufferAttribute(vertex.length < 65535 ? Uint16Array.from(index) : index, 1)); // 65535 begins a new strip
   return geometry;
 }
 

@@ -60,8 +60,8 @@ def test_blocks_take_a_quarter_of_the_texels_and_the_browser_decodes_what_was_co
     jobs = [{"file": str(tmp_path / "sheet.texf"), "blocks": hidden is not None, "hidden": hidden or []}
             for hidden in (None, ["astc"], ["bptc"])]
     (tmp_path / "jobs.json").write_text(json.dumps(jobs))
-    run = subprocess.run([NODE, "../tools/bench/card.mjs", str(tmp_path / "jobs.json")], cwd=REPOSITORY / "js", text=True, timeout=300,
-                         env=os.environ | {"CHROMIUM": BROWSER}, capture_output=True)
+    run = subprocess.run([NODE, "../tools/bench/card.mjs", str(tmp_path / "jobs.json")], cwd=REPOSITORY / "js", text=True,
+                         timeout=300, env=os.environ | {"CHROMIUM": BROWSER}, capture_output=True)
     plain, *coded = (json.loads(line) for line in run.stdout.splitlines())
     assert plain["formats"] | {"0x822f": 0} == {"0x8c43": 1, "0x8058": 2, "0x822f": 0}  # colours, normals, and all data in one
     for row, formats in zip(coded, ({"0x8e8d": 1, "0x8e8c": 2}, {"0x93d0": 1, "0x93b0": 2}), strict=True):

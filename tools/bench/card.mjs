@@ -14,8 +14,8 @@ const PAGE = `<!doctype html><meta charset="utf-8"><body>${IMPORTS}<script type=
 import * as THREE from 'three';
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { KTX2Loader } from 'three/addons/loaders/KTX2Loader.js';
-import { decode, Decoder } from '/cache/js/src/index.js';
-import { blockFormatOf, compressed, groupOf } from '/cache/js/src/three.js';
+import { decode } from '/cache/js/src/index.js';
+import { compressed, groupOf, TEXFLoader } from '/cache/js/src/three.js';
 
 const BITS = { 0x8058: 32, 0x8C43: 32, 0x8051: 24, 0x8229: 8, 0x822B: 16, 0x822F: 32, 0x823C: 64, 0x8236: 32, 0x822E: 32, 0x8230: 64, 0x881A: 64, 0x8814: 128,
   0x8D70: 128, 0x8D7C: 32, 0x823A: 32, 0x8E8C: 8, 0x8E8D: 8, 0x93B0: 8, 0x93D0: 8, 0x9274: 4, 0x9275: 4, 0x9278: 8, 0x9279: 8 };
@@ -38,8 +38,8 @@ window.hide = (hidden) => {
   gl2.getExtension = function (name) { return hidden.some((part) => name.includes(part)) ? null : getExtension.call(this, name); };
 };
 
-let renderer, scene, camera, asset, blocks = new Map();
-const job = {};
+let renderer, scene, camera, object, asset, blocks;
+const loader = new TEXFLoader();
 window.prepare = async (file, wantsBlocks) => {
   renderer = new THREE.WebGLRenderer({ preserveDrawingBuffer: true });
   renderer.setSize(${SIZE}, ${SIZE});
@@ -48,19 +48,19 @@ window.prepare = async (file, wantsBlocks) => {
   lamp.position.set(1, 2, 3);
   scene.add(new THREE.HemisphereLight(0xffffff, 0x666655, 1.5), lamp);
   if (file.endsWith('.texf')) {
-    asset = await decode(bytes);
-    job.decoder = new Decoder();
-    job.format = wantsBlocks ? blockFormatOf(renderer) : null;
+    if (wantsBlocks) asset = await decode(bytes);
+    if (wantsBlocks) loader.detectSupport(renderer);
+    object = () => loader.parseAsync(bytes);
   } else {
     const ktx2 = new KTX2Loader().setTranscoderPath('/three/examples/jsm/libs/basis/').detectSupport(renderer);
-    job.object = (await new GLTFLoader().setKTX2Loader(ktx2).parseAsync(bytes, '')).scene;
+    object = async () => (await new GLTFLoader().setKTX2Loader(ktx2).parseAsync(bytes, '')).scene;
   }
 };
-window.encode = async () => { blocks = await compressed(asset, job.decoder, job.format); };
-window.show = () => {
-  const object = job.object ?? groupOf(asset, blocks);
-  scene.add(object);
-  const sphere = new THREE.Box3().setFromObject(object, true).getBoundingSphere(new THREE.Sphere());
+window.encode = async () => { blocks = await compressed(asset, loader.decoder, loader.blockFormat); };
+window.show = async () => {
+  const shown = await object();
+  scene.add(shown);
+  const sphere = new THREE.Box3().setFromObject(shown, true).getBoundingSphere(new THREE.Sphere());
   camera = new THREE.PerspectiveCamera(35, 1, 0.01 * sphere.radius, 20 * sphere.radius);
   camera.position.set(2, 1.2, 2.6).setLength(3.6 * sphere.radius).add(sphere.center);
   camera.lookAt(sphere.center);

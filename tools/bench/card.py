@@ -1,9 +1,9 @@
-"""What stays on the graphics card: resident bytes and time a frame in three.js, ours beside PNG and KTX2, as docs/reports/card.md.
+"""What stays on the graphics card: resident bytes and time a frame in three.js, beside PNG and KTX2, for docs/reports/card.md.
 
 python tools/bench/card.py --assets FOLDER [--out out/card] [--page docs/reports/card.md] [ASSET ...]
 
-Needs Chromium ($CHROMIUM), node and js/node_modules, and alktx2 for KTX2. Streams and KTX2 files stand in OUT and are made where they
-are not there; OUT/ASSET.3dntc.texf is measured where somebody has put one there (texf-enc --codec 3dntc, which takes minutes).
+Needs Chromium ($CHROMIUM), node and js/node_modules, and alktx2 for KTX2. Streams and KTX2 files that OUT lacks are made there;
+OUT/ASSET.3dntc.texf is measured if it is there (texf-enc --codec 3dntc takes minutes).
 """
 
 import argparse
@@ -48,9 +48,9 @@ def glb_with_ktx2(data, codec):
         start = view.get("byteOffset", 0)
         pixels = np.asarray(Image.open(io.BytesIO(binary[start : start + view["byteLength"]])).convert("RGBA"))
         height, width = pixels.shape[:2]
-        is_colour = number in coloured
-        coded = alktx2.encode_raw_rgba_to_ktx2(pixels.tobytes(), width, height, bool((pixels[..., 3] < 255).any()), codec=codec,
-                                               quality=QUALITY[codec], effort=3, srgb=is_colour, linear=not is_colour, mipmaps=True)
+        is_colour, has_alpha = number in coloured, bool((pixels[..., 3] < 255).any())
+        coded = alktx2.encode_raw_rgba_to_ktx2(pixels.tobytes(), width, height, has_alpha, codec=codec, quality=QUALITY[codec],
+                                               effort=3, srgb=is_colour, linear=not is_colour, mipmaps=True)
         binary += bytes(-len(binary) % 4)
         root["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(coded)})
         root["images"][number] = {"mimeType": "image/ktx2", "bufferView": len(root["bufferViews"]) - 1}
@@ -131,6 +131,73 @@ def measured(jobs, out):
     return [json.loads(line) for line in run.stdout.splitlines()]
 
 
+TEXT = """# What stays on the card
+
+Made by `make -C tools card` (tools/bench/card.py) {where}.
+Bytes are those that three.js r{revision} asks of WebGL in Chromium, in MB of 1,000,000: textures with mipmaps, and vertices with
+indices as geometry. **There is no graphics card here.** Milliseconds are those of the processor on which SwiftShader draws
+512 x 512 pixels, and say nothing of a card.
+
+Ours are streams of r03. *BC7* and *ASTC* are those of [TEXFLoader.detectSupport()](../guide/web.md). PNG is the source as
+GLTFLoader shows it, KTX2 the same with its images by Basis Universal. A desktop's card has BC7, a phone's has ASTC and ETC2.
+KTX2Loader makes BC7 of ETC1S on a desktop, and on a phone ETC2, which without alpha has half the bytes. The 3DNTC streams have
+the base colour alone, after 3,000 steps (`texf-enc --codec 3dntc --effects none --steps 3000`).
+
+## Beside KTX2
+
+Textures of ours in blocks, in percent of the column's. They are smaller than KTX2's where the source has two images of data
+whose components fit one texture.
+
+"""
+
+
+def psnr_of(row):
+    """Return the least PSNR over the components of each texture in blocks, in dB: {maps: dB}."""
+    return {" ".join(texture["maps"]): min(texture["psnr"]) for texture in row.get("psnr", []) if texture["psnr"]}
+
+
+def page_of(rows):
+    """Return the text of docs/reports/card.md for rows of card.mjs."""
+    by = {(row["asset"], row["method"]): row for row in rows}
+    assets = list(dict.fromkeys(row["asset"] for row in rows))
+    rivals = ["ours, texels", "KTX2, UASTC, desktop", "KTX2, ETC1S, desktop", "KTX2, ETC1S, phone"]
+    shares = [[ASSETS[asset], *(share(by[asset, "ours, texels, BC7"], by.get((asset, rival))) for rival in rivals)]
+              for asset in assets]
+    heads = ["ours in RGBA8", "UASTC", "ETC1S, desktop", "ETC1S, phone"]
+    lines = [*TEXT.format(where=made_on(), revision=revision()).split("\n"), *markdown_table(["asset", *heads], shares), "",
+             "## All", "", *markdown_table(["asset", "as", "textures", "textures, MB", "geometry, MB", "ms a frame"],
+                                           [cells(row) for row in rows], 2), "",
+             "## What blocks lose", "",
+             "PSNR is that of the largest level against the decoded field, of each texture's worst component, by Chromium.",
+             "Milliseconds are of the processor for all textures of the asset at first use, pictures included.", "",
+             *markdown_table(["asset", "as", "dB", "ms"], [loss(row) for row in rows if "blocks_ms" in row], 3)]
+    return "\n".join(wrapped(lines)) + "\n"
+
+
+def loss(row):
+    """Return a row's cells of the table of what blocks lose."""
+    values = "; ".join(f"{maps} {value:.1f}" for maps, value in psnr_of(row).items())
+    return [ASSETS[row["asset"]], row["method"].rpartition(" ")[2], values, row["blocks_ms"]]
+
+
+def share(row, rival):
+    """Return a row's bytes of textures in percent of a rival's; a dash if there is none."""
+    return f"{100 * row['texture_bytes'] / rival['texture_bytes']:.0f} %" if rival else "-"
+
+
+def cells(row):
+    """Return a row's cells of the table of all."""
+    if "error" in row:
+        return [ASSETS[row["asset"]], row["method"], "-", "-", "-", row["error"][:80]]
+    sizes = [f"{row[key] / MB:.2f}" for key in ("texture_bytes", "buffer_bytes")]
+    return [ASSETS[row["asset"]], row["method"], row["textures"], *sizes, f"{row['frame_ms']:.0f}"]
+
+
+def revision():
+    """Return the revision of three.js in js/node_modules."""
+    return json.loads((REPOSITORY / "js/node_modules/three/package.json").read_text(encoding="utf-8"))["version"].split(".")[1]
+
+
 def parser():
     """Return the parser of the command line."""
     command = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -147,8 +214,8 @@ def main(words=None):
     warnings.simplefilter("ignore", texfcodec.LossWarning)
     options.out.mkdir(parents=True, exist_ok=True)
     jobs = [job for name in options.names or ASSETS for job in jobs_of(name, options.assets / f"{name}.glb", options.out)]
-    rows = measured(jobs, options.out)
-    print(json.dumps(rows, indent=1))
+    page = page_of(measured(jobs, options.out))
+    (options.page.write_text(page, encoding="utf-8") if options.page else print(page))
 
 
 if __name__ == "__main__":

@@ -289,6 +289,12 @@ export function decode(stream, options) {
   return shared.decode(stream, options);
 }
 
+/** Decoder.blocks() by the pool that all callers share. @type {Decoder['blocks']} */
+export function blocks(...given) {
+  shared ??= new Decoder();
+  return shared.blocks(...given);
+}
+
 /** Ends the workers of decode(). */
 export function dispose() {
   shared?.dispose();

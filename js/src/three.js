@@ -421,26 +421,46 @@ export function blockFormatOf({extensions}) {
   return extensions.has('EXT_texture_compression_bptc') ? 'bc7' : extensions.has('WEBGL_compressed_texture_astc') ? 'astc' : null;
 }
 
+/** @typedef {Pick<Decoder, 'blocks'>} BlockCoder */
+
 /**
- * Blocks of an asset's textures of texels, by what groupOf() keeps them under. Without those whose sides are no multiples of 4, which
- * WebGL refuses, and without all where blocks.wasm does not work here, which is warned of.
- * @param {Asset} asset @param {Decoder} decoder @param {BlockFormat} format @param {AbortSignal} [signal] @returns {Promise<Map<string, Blocks>>}
+ * A picture's blocks; null for one whose sides are no multiples of 4, which WebGL refuses, and, with a warning, where blocks.wasm fails.
+ * @param {Picture} picture whose data go to a worker @param {boolean} isColour @param {BlockCoder} coder @param {BlockFormat} format
+ * @param {AbortSignal} [signal] @returns {Promise<Blocks|null>}
  */
-export async function compressed(asset, decoder, format, signal) {
+async function blocksOrNull(picture, isColour, coder, format, signal) {
+  if (picture.width % 4 || picture.height % 4) return null;
+  try {
+    return await coder.blocks(picture, format, isColour, signal);
+  } catch (error) {
+    if (/** @type {any} */ (error).code === 'aborted') throw error;
+    console.warn(`TEXFLoader: a texture stays uncompressed: ${error instanceof Error ? error.message : error}`);
+    return null;
+  }
+}
+
+/**
+ * Blocks of an asset's textures of texels, by what groupOf() keeps them under; without those that stay RGBA.
+ * @param {Asset} asset @param {BlockCoder} coder @param {BlockFormat} format @param {AbortSignal} [signal] @returns {Promise<Map<string, Blocks>>}
+ */
+export async function compressed(asset, coder, format, signal) {
   const textures = asset.units.flatMap((unit) => {
     const field = asset.fields[unit.field], material = asset.materials[unit.material];
     return field.planar ? texelTextures(materialOf(material), material, field, unit.field).map((texture) => ({...texture, field})) : [];
   });
   const blocks = /** @type {Map<string, Blocks>} */ (new Map());
   await Promise.all([...new Map(textures.map((texture) => [texture.key, texture])).values()].map(async ({key, field, channels, isColour}) => {
-    const picture = pictureOf(field, channels);
-    if (!picture || picture.width % 4 || picture.height % 4) return;
-    blocks.set(key, await decoder.blocks(picture, format, isColour, signal));
-  })).catch((error) => {
-    if (error.code === 'aborted') throw error;
-    console.warn(`TEXFLoader: textures stay uncompressed: ${error.message}`);
-  });
+    const picture = pictureOf(field, channels), coded = picture && await blocksOrNull(picture, isColour, coder, format, signal);
+    if (coded) blocks.set(key, coded);
+  }));
   return blocks;
+}
+
+/** The texture of a picture, which stays as it is: in blocks where it can be.
+ * @param {Picture} picture @param {boolean} isColour @param {BlockCoder} coder @param {BlockFormat} format @param {AbortSignal} [signal] */
+export async function compressedTexture(picture, isColour, coder, format, signal) {
+  const blocks = await blocksOrNull({...picture, data: picture.data.slice()}, isColour, coder, format, signal);
+  return blocks ? blockTexture(blocks) : pictureTexture(picture);
 }
 
 const GLTF_WRAPS = {10497: RepeatWrapping, 33071: ClampToEdgeWrapping, 33648: MirroredRepeatWrapping};

@@ -372,11 +372,17 @@ function texelTextures(to, material, field, number) {
   return textures.map((texture) => ({...texture, key: `${number} ${texture.channels} ${texture.isColour}`}));
 }
 
+/** pictureOf(), and of one that is the same everywhere one texel. @param {Field} field @param {(string|null)[]} channels @returns {Picture|null} */
+function smallPicture(field, channels) {
+  const picture = pictureOf(field, channels), texels = picture && new Uint32Array(picture.data.buffer);
+  return picture && texels?.every((texel) => texel === texels[0]) ? {...picture, width: 1, height: 1, data: picture.data.slice(0, 4)} : picture;
+}
+
 /** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {TextureCache} cache @param {Map<string, Blocks>} blocks */
 function texelMaps(to, material, field, number, cache, blocks) {
   for (const {key, properties, channels, isColour} of texelTextures(to, material, field, number)) {
     const image = cache.get(key, () => {
-      const known = blocks.get(key), picture = known ? null : pictureOf(field, channels);
+      const known = blocks.get(key), picture = known ? null : smallPicture(field, channels);
       if (known) return fieldTexture(blockTexture(known), field, isColour);
       return picture && fieldTexture(pictureTexture(picture), field, isColour);
     });
@@ -450,7 +456,7 @@ export async function compressed(asset, coder, format, signal) {
   });
   const blocks = /** @type {Map<string, Blocks>} */ (new Map());
   await Promise.all([...new Map(textures.map((texture) => [texture.key, texture])).values()].map(async ({key, field, channels, isColour}) => {
-    const picture = pictureOf(field, channels), coded = picture && await blocksOrNull(picture, isColour, coder, format, signal);
+    const picture = smallPicture(field, channels), coded = picture && await blocksOrNull(picture, isColour, coder, format, signal);
     if (coded) blocks.set(key, coded);
   }));
   return blocks;

@@ -9,6 +9,7 @@ OUT/ASSET.3dntc.texf is measured if it is there (texf-enc --codec 3dntc takes mi
 import argparse
 import io
 import json
+import math
 import os
 import struct
 import subprocess
@@ -128,6 +129,7 @@ def measured(jobs, out):
     (out / "jobs.json").write_text(json.dumps(jobs), encoding="utf-8")
     run = subprocess.run(["node", "../tools/bench/card.mjs", str((out / "jobs.json").resolve())], cwd=REPOSITORY / "js",
                          env=os.environ, stdout=subprocess.PIPE, text=True, check=True)
+    (out / "rows.jsonl").write_text(run.stdout, encoding="utf-8")
     return [json.loads(line) for line in run.stdout.splitlines()]
 
 
@@ -146,14 +148,19 @@ the base colour alone, after 3,000 steps (`texf-enc --codec 3dntc --effects none
 ## Beside KTX2
 
 Textures of ours in blocks, in percent of the column's. They are smaller than KTX2's where the source has two images of data
-whose components fit one texture. They are larger where a stream has two fields of an image, because pieces that share texels
-turn normals in different directions (cat, fan, fish), and where an image is in many fields (clear coat test).
+whose components fit one texture, or one that is uniform. They are larger where a stream has two
+fields of an image, because pieces that share texels turn normals in different directions (cat, fan, fish), and where an image
+is in many fields (clear coat test).
 """
 
 
 def psnr_of(row):
-    """Return the least PSNR over the components of each texture in blocks, in dB: {maps: dB}."""
-    return {" ".join(texture["maps"]): min(texture["psnr"]) for texture in row.get("psnr", []) if texture["psnr"]}
+    """Return the least PSNR over components and fields of each kind of texture in blocks, in dB: {maps: dB}."""
+    least = {}
+    for texture in row.get("psnr", []):
+        name = " ".join(texture["maps"])
+        least[name] = min(least.get(name, math.inf), *texture["psnr"])
+    return least
 
 
 def page_of(rows):

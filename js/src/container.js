@@ -25,7 +25,7 @@ import {inverseTranspose, Surface} from './surface.js';
 /**
  * @typedef {object} Unfolded
  * @property {Map<number, Uint8Array>} views bytes of bufferViews that were added
- * @property {Map<number, Picture>} pictures of textures that were added
+ * @property {Map<number, Picture & {isColour: boolean}>} pictures of textures that were added
  * @property {Map<number, VoxelLook>} voxels by number of the material
  */
 
@@ -111,7 +111,7 @@ class Unfolding {
     this.materials = structuredClone(root.materials ?? []);
     this.surfaces = assets.map((asset) => /** @type {Surface} */ (asset && new Surface(asset)));
     this.Atlas = Atlas;
-    /** @type {Map<number, Picture>} */
+    /** @type {Unfolded['pictures']} */
     this.pictures = new Map();
     /** @type {Map<number, VoxelLook>} */
     this.voxels = new Map();
@@ -299,7 +299,7 @@ class Unfolding {
     const sampler = {magFilter, minFilter, wrapS, wrapT}, text = JSON.stringify(sampler);
     const same = (this.root.samplers ?? []).findIndex((/** @type {any} */ known) => JSON.stringify(known) === text);
     const number = picture && this.added.add('textures', {sampler: same < 0 ? this.added.add('samplers', sampler) : same});
-    if (picture && number !== null) this.pictures.set(number, picture);
+    if (picture && number !== null) this.pictures.set(number, {...picture, isColour: channels.some((name) => /colour|emissive/.test(name ?? ''))});
     this.textures.set(key, number);
     return number;
   }

@@ -13,7 +13,7 @@
 
 import {inflated, NAME, wellFormed, within} from './accessors.js';
 import {isContainer, isEmpty, PLACE, unfold} from './container.js';
-import {TexfError, decode} from './index.js';
+import {TexfError, blocks, decode} from './index.js';
 
 export {expand} from './expand.js';
 /** @typedef {import('three/addons/loaders/GLTFLoader.js').GLTFParser} GLTFParser */
@@ -23,10 +23,11 @@ export {expand} from './expand.js';
 
 /**
  * @typedef {object} StreamOptions
- * @property {{decode: typeof decode}|null} [decoder] a Decoder; the one that all of a page share where nothing is said
+ * @property {{decode: typeof decode, blocks: typeof blocks}|null} [decoder] a Decoder; the one that all of a page share where nothing is said
  * @property {number} [level] levels of detail that are left out, 0 for none
  * @property {import('./index.js').Limits} [limits] what a stream may ask for; what asks for more is not shown, but its fallback
  * @property {AbortSignal} [signal] leaves decoding, and shows the fallback
+ * @property {import('three').WebGLRenderer|null} [renderer] whose card keeps textures of texels compressed, as TEXFLoader.detectSupport() says
  */
 
 /** Says that a stream is not shown. @param {unknown} error */
@@ -42,10 +43,13 @@ function refused(error) {
  */
 export class TEXFStreamExtension {
   /** @param {GLTFParser} parser @param {StreamOptions} options */
-  constructor(parser, {decoder = null, level = 0, limits = {}, signal} = {}) {
+  constructor(parser, {decoder = null, level = 0, limits = {}, signal, renderer = null} = {}) {
     this.name = NAME;
     this.parser = parser;
-    this.decoder = decoder ?? {decode};
+    this.decoder = decoder ?? {decode, blocks};
+    this.renderer = renderer;
+    /** @type {import('./blocks.js').BlockFormat|null} */
+    this.blockFormat = null;
     this.options = {level, limits, signal};
     /** @type {Map<number, Group>} */
     this.groups = new Map();
@@ -62,6 +66,7 @@ export class TEXFStreamExtension {
     const carrying = scenes.flatMap((scene, i) => (this.name in (scene.extensions ?? {}) ? [i] : []));
     if (!carrying.length && !isContainer(json)) return;
     this.three = await import('./three.js'); // which expand() does without
+    this.blockFormat = this.renderer && this.three.blockFormatOf(this.renderer);
     await Promise.all(carrying.map((i) => this.replace(scenes[i], i)));
     if (isContainer(json)) this.unfolded = await wellFormed(() => unfold(json, (number) => this.view(number), (stream) => this.decoder.decode(stream, this.options), {onRefused: refused}));
   }
@@ -72,7 +77,9 @@ export class TEXFStreamExtension {
       const view = scene.extensions[this.name]?.bufferView;
       if (!this.parser.json.bufferViews?.[view]) throw new TexfError('invalid', 'the extension names no bufferView of the file');
       const stream = await this.parser.getDependency('bufferView', view);
-      this.groups.set(number, /** @type {typeof import('./three.js')} */ (this.three).groupOf(await this.decoder.decode(stream, this.options)));
+      const three = /** @type {typeof import('./three.js')} */ (this.three), asset = await this.decoder.decode(stream, this.options);
+      const coded = this.blockFormat ? await three.compressed(asset, this.decoder, this.blockFormat, this.options.signal) : undefined;
+      this.groups.set(number, three.groupOf(asset, coded));
       scene.nodes = [];
     } catch (error) {
       refused(error);
@@ -100,10 +107,13 @@ export class TEXFStreamExtension {
     const {json} = this.parser, picture = this.unfolded?.pictures.get(index);
     if (!this.three || !this.unfolded || (!picture && !isEmpty(json, index))) return null;
     if (!picture) return Promise.resolve(/** @type {any} */ (null));
-    const texture = this.three.pictureTexture(picture);
-    Object.assign(texture, this.three.samplerOf(json.samplers[json.textures[index].sampler]));
-    this.parser.associations.set(texture, {textures: index});
-    return Promise.resolve(texture);
+    const {three, blockFormat} = this, sampler = three.samplerOf(json.samplers[json.textures[index].sampler]);
+    const texture = blockFormat && !('minFilter' in sampler) // texels that are to be seen as squares stay as they are
+      ? three.compressedTexture(picture, picture.isColour, this.decoder, blockFormat, this.options.signal) : Promise.resolve(three.pictureTexture(picture));
+    return texture.then((image) => {
+      this.parser.associations.set(Object.assign(image, sampler), {textures: index});
+      return image;
+    });
   }
 
   /** A material that shows a field over voxels; null for all others.

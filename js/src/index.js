@@ -22,25 +22,30 @@ export {TexfError};
  */
 
 /** @typedef {{bytes: Uint8Array, level: number, limits: Limits, chosen: number}} Job */
+/** @typedef {{picture: import('./pictures.js').Picture, format: import('./blocks.js').BlockFormat, isColour: boolean}} BlockJob */
+/** @typedef {string|URL|ArrayBuffer|Uint8Array|null} ModulePlace */
 
 const IN_NODE = typeof process !== 'undefined' && Boolean(process.versions?.node) && typeof window === 'undefined';
 
 /** A pool of workers; a page needs one. */
 export class Decoder {
   /**
-   * @param {{workers?: number, wasm?: string|URL|ArrayBuffer|Uint8Array|null, worker?: string|URL|null, splitBytes?: number}} options
-   *   wasm: where the module is, or its bytes; worker: where the worker's script is, as one classic script, where a page has bundled it;
+   * @param {{workers?: number, wasm?: ModulePlace, blocksWasm?: ModulePlace, worker?: string|URL|null, splitBytes?: number}} options
+   *   wasm: where texf.wasm is, or its bytes; blocksWasm: where blocks.wasm is; worker: where the worker's script is, as one classic script, where a page has bundled it;
    *   splitBytes: with so many bytes of attributes in several units a stream is decoded by all workers that are idle
    */
-  constructor({workers = Math.min(4, globalThis.navigator?.hardwareConcurrency ?? 2), wasm = null, worker = null, splitBytes = 65536} = {}) {
+  constructor({workers = Math.min(4, globalThis.navigator?.hardwareConcurrency ?? 2), wasm = null, blocksWasm = null, worker = null, splitBytes = 65536} = {}) {
     this.limit = Math.max(1, workers);
     this.splitBytes = splitBytes;
     /** Jobs that are not finished, those that wait among them. */
     this.jobs = 0;
     this.wasm = wasm;
+    this.blocksWasm = blocksWasm;
     this.worker = worker;
     /** @type {Promise<WebAssembly.Module>|null} */
     this.module = null;
+    /** @type {Promise<WebAssembly.Module>|null} */
+    this.blocksModule = null;
     /** @type {PoolWorker[]} */
     this.idle = [];
     /** @type {Set<PoolWorker>} */
@@ -52,11 +57,27 @@ export class Decoder {
 
   /** Fetches and compiles the module ahead of use. */
   preload() {
-    this.module ??= moduleOf(this.wasm).catch((error) => {
+    this.module ??= moduleOf('texf.wasm', this.wasm, () => new URL('./texf.wasm', import.meta.url)).catch((error) => {
       this.module = null; // another try may have more luck
       throw error;
     });
     return this.module;
+  }
+
+  /**
+   * Codes a picture as blocks of a graphics card, with mipmaps, in a worker.
+   *
+   * @param {import('./pictures.js').Picture} picture whose data go to the worker
+   * @param {import('./blocks.js').BlockFormat} format @param {boolean} isColour whether its RGB is sRGB @param {AbortSignal} [signal]
+   * @returns {Promise<import('./blocks.js').Blocks>} rejected with a TexfError, also where the browser has no WebAssembly with SIMD
+   */
+  blocks(picture, format, isColour, signal) {
+    this.blocksModule ??= moduleOf('blocks.wasm', this.blocksWasm, () => new URL('./blocks.wasm', import.meta.url)).catch((error) => {
+      this.blocksModule = null;
+      throw error;
+    });
+    const stops = AbortSignal.any([this.life.signal, ...(signal ? [signal] : [])]);
+    return this.job({picture, format, isColour}, stops, this.blocksModule);
   }
 
   /** @param {number} workers at most so many from now on */
@@ -95,22 +116,22 @@ export class Decoder {
     this.life.abort(new TexfError('aborted', 'the decoder was disposed of'));
     this.life = new AbortController();
     for (const worker of this.idle.splice(0)) worker.end();
-    this.module = null;
+    this.module = this.blocksModule = null;
   }
 
-  /** @param {Job} job @param {AbortSignal} signal @returns {Promise<Asset>} */
-  async job(job, signal) {
+  /** @param {Job|BlockJob} job @param {AbortSignal} signal @param {Promise<WebAssembly.Module>} modules @returns {Promise<any>} */
+  async job(job, signal, modules = this.preload()) {
     this.jobs++;
     try {
-      return await this.turnOf(job, signal);
+      return await this.turnOf(job, signal, modules);
     } finally {
       this.jobs--;
     }
   }
 
-  /** @param {Job} job @param {AbortSignal} signal @returns {Promise<Asset>} */
-  async turnOf(job, signal) {
-    const module = await unlessAborted(this.preload(), signal);
+  /** @param {Job|BlockJob} job @param {AbortSignal} signal @param {Promise<WebAssembly.Module>} modules @returns {Promise<any>} */
+  async turnOf(job, signal, modules) {
+    const module = await unlessAborted(modules, signal);
     while (this.busy.size >= this.limit && !signal.aborted) await this.turn(signal);
     if (signal.aborted) {
       this.waiting.shift()?.(); // the turn may have been this one's
@@ -172,7 +193,7 @@ class PoolWorker {
     this.count = 0;
     /** @type {any} */
     this.worker = null;
-    /** @type {((asset: Asset) => void)|null} */
+    /** @type {((result: any) => void)|null} */
     this.resolve = null;
     /** @type {((error: Error) => void)|null} */
     this.reject = null;
@@ -193,28 +214,28 @@ class PoolWorker {
     }
   }
 
-  /** @param {any} job @returns {Promise<Asset>} */
+  /** @param {any} job @returns {Promise<any>} */
   run(job) {
     return new Promise((resolve, reject) => {
       this.resolve = resolve;
       this.reject = reject;
-      const bytes = new Uint8Array(job.bytes); // a copy: slice() of a Buffer is none
+      const given = job.picture ? {} : {bytes: new Uint8Array(job.bytes)}; // a copy: slice() of a Buffer is none
       const send = () => {
         if (!this.alive) return;
         if (IN_NODE) this.worker.ref();
-        this.worker.postMessage({...job, bytes, id: ++this.count}, [bytes.buffer]);
+        this.worker.postMessage({...job, ...given, id: ++this.count}, [(given.bytes ?? job.picture.data).buffer]);
       };
       if (this.worker) send();
       else this.start().then(send, (error) => this.fail(new TexfError('internal', String(error))));
     });
   }
 
-  /** @param {{id: number, asset?: Asset, error?: {code: any, message: string, details: any}}} answer */
-  answered({id, asset, error}) {
+  /** @param {{id: number, result?: any, error?: {code: any, message: string, details: any}}} answer */
+  answered({id, result, error}) {
     if (id !== this.count) return;
     if (IN_NODE) this.worker.unref();
     if (error) this.reject?.(new TexfError(error.code, error.message, error.details));
-    else this.resolve?.(/** @type {Asset} */ (asset));
+    else this.resolve?.(result);
     this.resolve = this.reject = null;
   }
 
@@ -231,13 +252,13 @@ class PoolWorker {
   }
 }
 
-/** @param {string|URL|ArrayBuffer|Uint8Array|null} wasm @returns {Promise<WebAssembly.Module>} */
-async function moduleOf(wasm) {
+/** @param {string} name @param {ModulePlace} wasm @param {() => URL} usual where it is if wasm is null @returns {Promise<WebAssembly.Module>} */
+async function moduleOf(name, wasm, usual) {
   try {
-    const bytes = wasm instanceof ArrayBuffer || wasm instanceof Uint8Array ? wasm : await fetched(wasm ?? new URL('./texf.wasm', import.meta.url));
+    const bytes = wasm instanceof ArrayBuffer || wasm instanceof Uint8Array ? wasm : await fetched(wasm ?? usual());
     return await WebAssembly.compile(/** @type {BufferSource} */ (bytes)); // whatever MIME type the server says
   } catch (error) {
-    throw new TexfError('internal', `texf.wasm cannot be used: ${error instanceof Error ? error.message : error}`);
+    throw new TexfError('internal', `${name} cannot be used: ${error instanceof Error ? error.message : error}`);
   }
 }
 
@@ -266,6 +287,12 @@ let shared = null;
 export function decode(stream, options) {
   shared ??= new Decoder();
   return shared.decode(stream, options);
+}
+
+/** Decoder.blocks() by the pool that all callers share. @type {Decoder['blocks']} */
+export function blocks(...given) {
+  shared ??= new Decoder();
+  return shared.blocks(...given);
 }
 
 /** Ends the workers of decode(). */

@@ -4,19 +4,23 @@
 /** @typedef {import('./engine.js').Field} Field */
 /** @typedef {{width: number, height: number, data: Uint8Array, hasAlpha: boolean}} Picture data: RGBA; what no channel gives is 255 */
 
+const WHITE = Uint8Array.of(255);
+
 /**
  * The planes of up to four components as RGBA; what no plane gives is 255.
  * @param {(Plane|undefined)[]} planes @param {number[]} from component of each, as the channel counts them
  * @param {(plane: Plane) => Uint8Array} data @param {number} count cells
  */
 export function interleaved(planes, from, data, count) {
-  const out = new Uint8Array(4 * count).fill(255);
-  planes.forEach((plane, k) => {
-    if (!plane) return;
-    const values = data(plane), step = plane.components, at = plane.offset + Math.min(from[k], step - 1 - plane.offset); // grey: one for all
-    for (let i = 0; i < count; i++) out[4 * i + k] = values[step * i + at];
+  const all = [0, 1, 2, 3].map((k) => {
+    const plane = planes[k], step = plane?.components ?? 0;
+    return {values: plane ? data(plane) : WHITE, step, at: plane ? plane.offset + Math.min(from[k], step - 1 - plane.offset) : 0}; // grey: one for all
   });
-  return out;
+  const [{values: r, step: r1}, {values: g, step: g1}, {values: b, step: b1}, {values: a, step: a1}] = all;
+  let [ri, gi, bi, ai] = all.map(({at}) => at);
+  const out = new Uint32Array(count);
+  for (let i = 0; i < count; i++, ri += r1, gi += g1, bi += b1, ai += a1) out[i] = r[ri] | g[gi] << 8 | b[bi] << 16 | a[ai] << 24;
+  return new Uint8Array(out.buffer);
 }
 
 /** Which component of its channel each of four is, counted among those that name the channel.
@@ -32,7 +36,7 @@ export function pictureOf(field, channels) {
   const data = interleaved(planes, componentsOf(channels), (plane) => resized(plane, width, height), width * height);
   if (channels.some((name) => name?.endsWith('normal'))) withZ(data);
   let hasAlpha = false;
-  for (let i = 3; i < data.length && !hasAlpha; i += 4) hasAlpha = data[i] < 255;
+  if (planes[3]) for (let i = 3; i < data.length && !hasAlpha; i += 4) hasAlpha = data[i] < 255;
   return {width, height, data, hasAlpha};
 }
 
@@ -62,8 +66,13 @@ function resized({image, components}, width, height) {
 /** The third component of tangent space normals, from the first two.
  * @param {Uint8Array} pixels */
 export function withZ(pixels) {
+  const known = new Uint8Array(65536); // of x and y; 128 is the least
   for (let i = 0; i < pixels.length; i += 4) {
-    const x = pixels[i] / 127.5 - 1, y = pixels[i + 1] / 127.5 - 1;
-    pixels[i + 2] = Math.round(127.5 * (Math.sqrt(Math.max(0, 1 - x * x - y * y)) + 1));
+    const at = pixels[i] << 8 | pixels[i + 1];
+    if (known[at] === 0) {
+      const x = pixels[i] / 127.5 - 1, y = pixels[i + 1] / 127.5 - 1;
+      known[at] = Math.round(127.5 * (Math.sqrt(Math.max(0, 1 - x * x - y * y)) + 1));
+    }
+    pixels[i + 2] = known[at];
   }
 }

@@ -9,9 +9,9 @@
  */
 
 import {
-  BufferAttribute, BufferGeometry, ClampToEdgeWrapping, Color, DataTexture, DoubleSide, FileLoader, FrontSide, Group,
+  BufferAttribute, BufferGeometry, ClampToEdgeWrapping, Color, CompressedTexture, DataTexture, DoubleSide, FileLoader, FrontSide, Group,
   LinearFilter, LinearMipmapLinearFilter, LinearSRGBColorSpace, Loader, Matrix3, Matrix4, Mesh, MeshBasicMaterial, MeshPhysicalMaterial,
-  MeshStandardMaterial, MirroredRepeatWrapping, NearestFilter, NoColorSpace, RepeatWrapping, RGBAFormat, RGIntegerFormat,
+  MeshStandardMaterial, MirroredRepeatWrapping, NearestFilter, NoColorSpace, RepeatWrapping, RGBA_ASTC_4x4_Format, RGBA_BPTC_Format, RGBAFormat, RGIntegerFormat,
   ShaderChunk, SRGBColorSpace, UnsignedByteType,
 } from 'three';
 
@@ -28,6 +28,8 @@ import {PLACE_GLSL, tableTexture} from './three_tables.js';
 /** @typedef {import('./engine.js').Material} Material */
 /** @typedef {import('./engine.js').Plane} Plane */
 /** @typedef {import('./pictures.js').Picture} Picture */
+/** @typedef {import('./blocks.js').Blocks} Blocks */
+/** @typedef {import('./blocks.js').BlockFormat} BlockFormat */
 
 const WRAPS = {repeat: RepeatWrapping, clamp: ClampToEdgeWrapping, mirror: MirroredRepeatWrapping};
 
@@ -42,6 +44,24 @@ export class TEXFLoader extends Loader {
     /** @type {((group: Group, level: number) => void)|null} */
     this.onLevel = null;
     this.control = new AbortController();
+    /** @type {BlockFormat|null} */
+    this.blockFormat = null;
+  }
+
+  /**
+   * From now on textures of texels are kept compressed where the renderer's card can: as BC7, else as ASTC, a quarter of their bytes.
+   * @param {import('three').WebGLRenderer} renderer
+   */
+  detectSupport(renderer) {
+    this.blockFormat = blockFormatOf(renderer);
+    return this;
+  }
+
+  /** @param {import('./index.js').ModulePlace} wasm where blocks.wasm is, in place of beside the module */
+  setBlocksPath(wasm) {
+    this.decoder.blocksWasm = wasm;
+    this.decoder.blocksModule = null;
+    return this;
   }
 
   /** @param {string|URL|ArrayBuffer|Uint8Array} wasm where texf.wasm is, in place of beside the module */
@@ -133,7 +153,7 @@ export class TEXFLoader extends Loader {
     const onLevel = this.onLevel;
     const asset = await this.decoder.decode(data, {level: this.level, limits: this.limits, signal,
       onLevel: onLevel ? (coarse, level) => onLevel(groupOf(coarse), level) : undefined});
-    return groupOf(asset);
+    return groupOf(asset, this.blockFormat ? await compressed(asset, this.decoder, this.blockFormat, signal) : undefined);
   }
 
   /** Rejects what is being fetched or decoded. */
@@ -177,21 +197,22 @@ export function disposeGroup(group) {
  * What three.js shows of a decoded asset.
  *
  * @param {Asset} asset
+ * @param {Map<string, Blocks>} [blocks] of textures of texels, by compressed(); the others are RGBA
  * @returns {Group} with a mesh for every geometry unit; `position` is the origin of the asset
  */
-export function groupOf(asset) {
+export function groupOf(asset, blocks = new Map()) {
   const group = new Group(), textures = new TextureCache();
   group.position.fromArray(asset.origin);
   group.userData = {metadata: asset.metadata, textures: textures.created, isNeural: asset.neural !== null,
     fields: asset.fields.map(({planar, resolution, width, height, keys}) => ({planar, size: planar ? [width, height] : [resolution], cells: keys.length}))};
   for (const unit of asset.units) {
     const material = asset.materials[unit.material], field = asset.fields[unit.field];
-    const mesh = new Mesh(geometryOf(unit), material.unlit ? new MeshBasicMaterial() : standardMaterial(material));
+    const mesh = new Mesh(geometryOf(unit), materialOf(material));
     mesh.name = material.name;
     mesh.userData.field = unit.field;
     mesh.material.userData.channels = mapsOf(mesh.material, material, field).flatMap(([, channels]) => channels.filter((name, k) => name && channels.indexOf(name) === k));
     common(mesh.material, material);
-    if (field.planar) texelMaps(/** @type {any} */ (mesh.material), material, field, unit.field, textures);
+    if (field.planar) texelMaps(/** @type {any} */ (mesh.material), material, field, unit.field, textures, blocks);
     else voxelMaps(/** @type {any} */ (mesh.material), material, field, unit.field, asset, textures);
     group.add(mesh);
   }
@@ -227,7 +248,7 @@ function geometryOf({positions, indices, normals, uvs}) {
   geometry.setAttribute('position', gathered(positions, vertex, 3));
   geometry.setAttribute('normal', gathered(normals, corner, 3));
   if (uvs) geometry.setAttribute('uv', gathered(uvs, vertex, 2));
-  geometry.setIndex(new BufferAttribute(index, 1));
+  geometry.setIndex(new BufferAttribute(vertex.length < 65535 ? Uint16Array.from(index) : index, 1)); // 65535 begins a new strip
   return geometry;
 }
 
@@ -273,6 +294,9 @@ function common(to, from) {
   to.depthWrite = from.alphaMode !== 'BLEND';
   to.alphaTest = from.alphaMode === 'MASK' ? from.alphaCutoff : 0;
 }
+
+/** @param {Material} material */
+const materialOf = (material) => (material.unlit ? new MeshBasicMaterial() : standardMaterial(material));
 
 /** @param {Material} material */
 function standardMaterial(material) {
@@ -328,23 +352,49 @@ export class TextureCache {
 
 // ---- Texels
 
-/** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {TextureCache} cache */
-function texelMaps(to, material, field, number, cache) {
-  for (const [property, channels, isColour] of mapsOf(to, material, field)) {
-    const image = cache.get(`${number} ${property} ${channels}`, () => {
-      const picture = pictureOf(field, channels);
-      return picture && fieldTexture(picture, field, isColour);
+/** @typedef {{key: string, properties: string[], channels: (string|null)[], isColour: boolean}} TexelTexture */
+
+/**
+ * The textures of a material over texels. Maps of data of the same size share one where their components differ, as glTF's occlusion,
+ * roughness and metallic do; normals do not, because their blue is computed, nor does alpha, which blocks would then code with the rest.
+ * @param {any} to @param {Material} material @param {Field} field @param {number} number @returns {TexelTexture[]}
+ */
+function texelTextures(to, material, field, number) {
+  const textures = /** @type {Omit<TexelTexture, 'key'>[]} */ ([]), all = mapsOf(to, material, field);
+  const sizeOf = (/** @type {(string|null)[]} */ channels) => field.planes[channels.find(Boolean) ?? ''].image?.width;
+  const isAlone = (/** @type {{channels: (string|null)[], isColour: boolean}} */ {channels, isColour}) => isColour || channels[3] || channels[0]?.endsWith('normal');
+  for (const [property, channels, isColour] of all) {
+    const other = isAlone({channels, isColour}) ? undefined : textures.find((texture) => !isAlone(texture)
+      && sizeOf(texture.channels) === sizeOf(channels) && channels.every((name, k) => !name || !texture.channels[k]));
+    if (other) [other.properties, other.channels] = [[...other.properties, property], [0, 1, 2, 3].map((k) => other.channels[k] ?? channels[k] ?? null)];
+    else textures.push({properties: [property], channels, isColour});
+  }
+  return textures.map((texture) => ({...texture, key: `${number} ${texture.channels} ${texture.isColour}`}));
+}
+
+/** pictureOf(), and of one that is the same everywhere one texel. @param {Field} field @param {(string|null)[]} channels @returns {Picture|null} */
+function smallPicture(field, channels) {
+  const picture = pictureOf(field, channels), texels = picture && new Uint32Array(picture.data.buffer);
+  return picture && texels?.every((texel) => texel === texels[0]) ? {...picture, width: 1, height: 1, data: picture.data.slice(0, 4)} : picture;
+}
+
+/** @param {any} to @param {Material} material @param {Field} field @param {number} number @param {TextureCache} cache @param {Map<string, Blocks>} blocks */
+function texelMaps(to, material, field, number, cache, blocks) {
+  for (const {key, properties, channels, isColour} of texelTextures(to, material, field, number)) {
+    const image = cache.get(key, () => {
+      const known = blocks.get(key), picture = known ? null : smallPicture(field, channels);
+      if (known) return fieldTexture(blockTexture(known), field, isColour);
+      return picture && fieldTexture(pictureTexture(picture), field, isColour);
     });
-    if (image) to[property] = image;
+    if (image) for (const property of properties) to[property] = image;
   }
   const scale = material.parameters.normal_scale?.[0] ?? 1, coat = material.parameters.clearcoat_normal_scale?.[0] ?? 1;
   to.normalScale?.set(scale, -scale); // as GLTFLoader does where there are no tangents
   to.clearcoatNormalScale?.set(coat, -coat);
 }
 
-/** @param {Picture} picture @param {Field} field @param {boolean} isColour */
-function fieldTexture(picture, field, isColour) {
-  const image = pictureTexture(picture);
+/** @param {import('three').Texture} image @param {Field} field @param {boolean} isColour */
+function fieldTexture(image, field, isColour) {
   [image.wrapS, image.wrapT] = field.wrap.map((wrap) => WRAPS[wrap]);
   image.colorSpace = isColour ? SRGBColorSpace : NoColorSpace;
   image.anisotropy = 16;
@@ -359,6 +409,64 @@ export function pictureTexture({data, width, height}) {
   image.generateMipmaps = true;
   image.needsUpdate = true;
   return image;
+}
+
+const BLOCK_FORMATS = {bc7: RGBA_BPTC_Format, astc: RGBA_ASTC_4x4_Format};
+
+/** A texture in blocks. @param {Blocks} blocks */
+function blockTexture({format, levels}) {
+  const image = new CompressedTexture(levels, levels[0].width, levels[0].height, BLOCK_FORMATS[format], UnsignedByteType);
+  image.magFilter = LinearFilter;
+  image.minFilter = LinearMipmapLinearFilter;
+  image.needsUpdate = true;
+  return image;
+}
+
+/** Which blocks a renderer's card takes; null for none. @param {import('three').WebGLRenderer} renderer @returns {BlockFormat|null} */
+export function blockFormatOf({extensions}) {
+  return extensions.has('EXT_texture_compression_bptc') ? 'bc7' : extensions.has('WEBGL_compressed_texture_astc') ? 'astc' : null;
+}
+
+/** @typedef {Pick<Decoder, 'blocks'>} BlockCoder */
+
+/**
+ * A picture's blocks; null for one whose sides are no multiples of 4, which WebGL refuses, and, with a warning, where blocks.wasm fails.
+ * @param {Picture} picture whose data go to a worker @param {boolean} isColour @param {BlockCoder} coder @param {BlockFormat} format
+ * @param {AbortSignal} [signal] @returns {Promise<Blocks|null>}
+ */
+async function blocksOrNull(picture, isColour, coder, format, signal) {
+  if (picture.width % 4 || picture.height % 4) return null;
+  try {
+    return await coder.blocks(picture, format, isColour, signal);
+  } catch (error) {
+    if (/** @type {any} */ (error).code === 'aborted') throw error;
+    console.warn(`TEXFLoader: a texture stays uncompressed: ${error instanceof Error ? error.message : error}`);
+    return null;
+  }
+}
+
+/**
+ * Blocks of an asset's textures of texels, by what groupOf() keeps them under; without those that stay RGBA.
+ * @param {Asset} asset @param {BlockCoder} coder @param {BlockFormat} format @param {AbortSignal} [signal] @returns {Promise<Map<string, Blocks>>}
+ */
+export async function compressed(asset, coder, format, signal) {
+  const textures = asset.units.flatMap((unit) => {
+    const field = asset.fields[unit.field], material = asset.materials[unit.material];
+    return field.planar ? texelTextures(materialOf(material), material, field, unit.field).map((texture) => ({...texture, field})) : [];
+  });
+  const blocks = /** @type {Map<string, Blocks>} */ (new Map());
+  await Promise.all([...new Map(textures.map((texture) => [texture.key, texture])).values()].map(async ({key, field, channels, isColour}) => {
+    const picture = smallPicture(field, channels), coded = picture && await blocksOrNull(picture, isColour, coder, format, signal);
+    if (coded) blocks.set(key, coded);
+  }));
+  return blocks;
+}
+
+/** The texture of a picture, which stays as it is: in blocks where it can be.
+ * @param {Picture} picture @param {boolean} isColour @param {BlockCoder} coder @param {BlockFormat} format @param {AbortSignal} [signal] */
+export async function compressedTexture(picture, isColour, coder, format, signal) {
+  const blocks = await blocksOrNull({...picture, data: picture.data.slice()}, isColour, coder, format, signal);
+  return blocks ? blockTexture(blocks) : pictureTexture(picture);
 }
 
 const GLTF_WRAPS = {10497: RepeatWrapping, 33071: ClampToEdgeWrapping, 33648: MirroredRepeatWrapping};

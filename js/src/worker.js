@@ -1,8 +1,9 @@
-/** A worker of the pool: gets {id, module, bytes, level, limits, chosen}, answers {id, asset} or {id, error}. */
+/** A worker of the pool: gets {id, module} and what decodeWith() or blocksOf() takes, answers {id, result} or {id, error}. */
 
+import {blocksOf} from './blocks.js';
 import {TexfError, decodeWith} from './engine.js';
 
-/** All buffers of a decoded asset, which go to the page without a copy.
+/** All buffers of a result, which go to the page without a copy.
  * @param {any} value @param {Set<ArrayBuffer>} buffers */
 function buffersOf(value, buffers = new Set()) {
   if (ArrayBuffer.isView(value)) buffers.add(/** @type {ArrayBuffer} */ (value.buffer));
@@ -11,10 +12,10 @@ function buffersOf(value, buffers = new Set()) {
 }
 
 /** @param {any} job @param {(answer: any, transferred: ArrayBuffer[]) => void} answer */
-function work({id, module, bytes, level, limits, chosen}, answer) {
+function work({id, module, bytes, level, limits, chosen, picture, format, isColour}, answer) {
   try {
-    const asset = decodeWith(module, bytes, level, limits, chosen);
-    answer({id, asset}, [...buffersOf(asset)]);
+    const result = picture ? blocksOf(module, picture, format, isColour) : decodeWith(module, bytes, level, limits, chosen);
+    answer({id, result}, [...buffersOf(result)]);
   } catch (error) {
     const {code, message, details} = error instanceof TexfError ? error : new TexfError('internal', String(error));
     answer({id, error: {code, message, details}}, []);

@@ -132,6 +132,15 @@ test('a field over voxels is shown by its shader, also of a clone, at places of 
   assert.ok(shader.uniforms.texfTable0.value.isTexture);
 });
 
+test('pictures of coded primitives are in blocks where a renderer has them', unless, async () => {
+  const file = coded(() => {}, read('subset/texels_repeat')), renderer = {extensions: {has: () => true}};
+  for (const given of [renderer, null]) {
+    const {scene} = await new three.GLTFLoader().register((parser) => new TEXFStreamExtension(parser, {renderer: given})).parseAsync(file, '');
+    const {map} = scene.getObjectByName('body').material;
+    assert.deepEqual([map.isCompressedTexture === true, map.image.width, map.colorSpace], [given !== null, 24, 'srgb']);
+  }
+});
+
 test('a field over voxels becomes an atlas, in which no two faces overlap', async () => {
   const {root, bytes, rows} = opened(await expand(coded(bare, read('subset/k33')))), [{attributes, indices}] = root.meshes[0].primitives;
   const side = Buffer.from(bytes(root.images[root.textures[0].source].bufferView)).readUInt32BE(16), uv = rows(attributes.TEXCOORD_0), owner = new Map();

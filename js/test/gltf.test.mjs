@@ -7,6 +7,7 @@ import {test} from 'node:test';
 import {Decoder, dispose} from '../src/index.js';
 
 const three = await import('three/addons/loaders/GLTFLoader.js').catch(() => null); // npm install three
+const {RGBA_ASTC_4x4_Format, RGBA_BPTC_Format} = three ? await import('three') : {};
 const {TEXFStreamExtension} = three ? await import('../src/gltf.js') : {};
 const unless = {skip: three ? false : 'three is not installed'};
 const stream = readFileSync(new URL('../../conformance/subset/texels/in.texf', import.meta.url));
@@ -53,6 +54,18 @@ test('the stream stands in place of the nodes', unless, async () => {
   const coarse = (await parsed(carrying(stream), {decoder, level: 1})).gltf.scene.children[0].children[0];
   assert.equal(coarse.material.map.image.width, Math.ceil(mesh.material.map.image.width / 2));
   decoder.dispose();
+});
+
+test('textures are in blocks where a renderer has them and their sides allow it, else in texels', unless, async () => {
+  const repeated = readFileSync(new URL('../../conformance/subset/texels_repeat/in.texf', import.meta.url));
+  const has = (...parts) => ({extensions: {has: (name) => parts.some((part) => name.includes(part))}});
+  const mapOf = async (renderer, level) => (await parsed(carrying(repeated), {renderer, level})).gltf.scene.children[0].children[0].material.map;
+  for (const [renderer, wanted] of [[has('bptc', 'astc'), RGBA_BPTC_Format], [has('astc'), RGBA_ASTC_4x4_Format]]) {
+    const {isCompressedTexture, mipmaps, format, colorSpace} = await mapOf(renderer, 0);
+    assert.deepEqual([isCompressedTexture, mipmaps.map(({width}) => width), format, colorSpace], [true, [24, 12, 6, 3, 1], wanted, 'srgb']);
+  }
+  assert.ok((await mapOf(has('s3tc'), 0)).isDataTexture);
+  assert.ok((await mapOf(has('bptc'), 2)).isDataTexture); // 6 x 4 texels
 });
 
 test('a page\'s shared decoder takes the stream where no other is given', unless, async () => {

@@ -19,7 +19,7 @@ import {CHANNELS, decodeWith, type Field, type Material, type Plane, type Unit} 
 import {TEXFLoader, disposeGroup, groupOf} from 'texf/three';
 import {TEXFStreamExtension, expand} from 'texf/gltf';
 import {GLTFLoader} from 'three/addons/loaders/GLTFLoader.js';
-import type {Group} from 'three';
+import {WebGLRenderer, type Group} from 'three';
 
 const limits: Limits = {faces: 1000};
 const options: DecodeOptions = {level: 1, limits, onLevel: (coarse, level) => console.log(coarse.units.length, level)};
@@ -27,7 +27,8 @@ export async function shown(bytes: ArrayBuffer): Promise<Group> {
   const asset: Asset = await decode(bytes, options), decoder = new Decoder({workers: 2, wasm: null});
   const unit: Unit = asset.units[0], field: Field = asset.fields[0], material: Material = asset.materials[0];
   const plane: Plane | undefined = field.planes['base_colour'], uvs: Float32Array | null = unit.uvs;
-  const loader = new TEXFLoader().setLevel(1).setLimits(limits).setWorkerLimit(2).setOnLevel((group) => disposeGroup(group));
+  const loader = new TEXFLoader().setLevel(1).setLimits(limits).setWorkerLimit(2).setOnLevel((group) => disposeGroup(group))
+    .detectSupport(new WebGLRenderer());
   console.log(plane?.values.length, uvs?.length, material.alphaMode === 'BLEND', CHANNELS.length, decodeWith.length);
   decoder.dispose();
   dispose();

@@ -1,5 +1,6 @@
 """The npm package in Chromium: vectors through its workers, and the loader on bad downloads; left out where no browser is."""
 
+import json
 import os
 import subprocess
 from pathlib import Path
@@ -47,3 +48,24 @@ def test_saturated_texels_are_filtered_in_linear_light_as_those_of_the_decoded_g
                              str(REPOSITORY / "js"), "--out", str(tmp_path / "out")]) == 0
     cells = [cell.strip() for cell in capsys.readouterr().out.splitlines()[-1].split("|")]
     assert float(cells[3].split()[0]) > 32, cells
+
+
+def test_blocks_take_a_quarter_of_the_texels_and_the_browser_decodes_what_was_coded(tmp_path):
+    y, x = np.mgrid[:64, :64]
+    ramp = np.stack([3 * x + 20, 2 * y + x, 120 + 40 * np.sin(x / 9), 0 * x + 255], axis=-1).astype(np.uint8)
+    flat = np.stack([128 + 20 * np.sin(x / 7), 128 + 20 * np.cos(y / 5), 0 * x + 250, 0 * x + 255], axis=-1).astype(np.uint8)
+    maps = {"normal": flat, "occlusion": ramp, "roughness": ramp, "metallic": ramp[::-1].copy()}
+    data = encode_scene(mapped_sheet(maps, ramp), EncodeOptions(support="texels", rate="r05", max_error=0)).data
+    (tmp_path / "sheet.texf").write_bytes(data)
+    jobs = [{"file": str(tmp_path / "sheet.texf"), "blocks": hidden is not None, "hidden": hidden or []}
+            for hidden in (None, ["astc"], ["bptc"])]
+    (tmp_path / "jobs.json").write_text(json.dumps(jobs))
+    run = subprocess.run([NODE, "../tools/bench/card.mjs", str(tmp_path / "jobs.json")], cwd=REPOSITORY / "js", text=True,
+                         timeout=300, env=os.environ | {"CHROMIUM": BROWSER}, capture_output=True)
+    plain, *coded = (json.loads(line) for line in run.stdout.splitlines())
+    assert plain["formats"] | {"0x822f": 0} == {"0x8c43": 1, "0x8058": 2, "0x822f": 0}  # colours, normals, and all data in one
+    for row, formats in zip(coded, ({"0x8e8d": 1, "0x8e8c": 2}, {"0x93d0": 1, "0x93b0": 2}), strict=True):
+        assert row["formats"] | {"0x822f": 0} == formats | {"0x822f": 0} and "said" not in row, row
+        assert plain["texture_bytes"] > 3.7 * row["texture_bytes"]
+        assert [texture["maps"] for texture in row["psnr"]] == [["map"], ["normalMap"], ["aoMap", "roughnessMap", "metalnessMap"]]
+        assert min(value for texture in row["psnr"] for value in texture["psnr"]) > 38, row

@@ -30,7 +30,7 @@ export class Decoder {
   /**
    * @param {{workers?: number, wasm?: string|URL|ArrayBuffer|Uint8Array|null, worker?: string|URL|null, splitBytes?: number}} options
    *   wasm: where the module is, or its bytes; worker: where the worker's script is, as one classic script, where a page has bundled it;
-   *   splitBytes: with so many bytes of attributes in several units a stream is decoded by all workers that are idle
+   *   splitBytes: with so many bytes of attributes in several units, or texels that take as long, a stream is decoded by all workers that are idle
    */
   constructor({workers = Math.min(4, globalThis.navigator?.hardwareConcurrency ?? 2), wasm = null, worker = null, splitBytes = 65536} = {}) {
     this.limit = Math.max(1, workers);
@@ -231,10 +231,19 @@ class PoolWorker {
   }
 }
 
+// (module (func (result v128) (i8x16.splat (i32.const 0))))
+const VECTORS = Uint8Array.of(0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 8, 1, 6, 0, 65, 0, 253, 15, 11);
+
+/** The module beside this file that this engine can run: with vectors (SIMD), which browsers have since 2023, or without.
+ * Two places in full, because bundlers look for such. */
+function moduleHere() {
+  return WebAssembly.validate(VECTORS) ? new URL('./texf_simd.wasm', import.meta.url) : new URL('./texf.wasm', import.meta.url);
+}
+
 /** @param {string|URL|ArrayBuffer|Uint8Array|null} wasm @returns {Promise<WebAssembly.Module>} */
 async function moduleOf(wasm) {
   try {
-    const bytes = wasm instanceof ArrayBuffer || wasm instanceof Uint8Array ? wasm : await fetched(wasm ?? new URL('./texf.wasm', import.meta.url));
+    const bytes = wasm instanceof ArrayBuffer || wasm instanceof Uint8Array ? wasm : await fetched(wasm ?? moduleHere());
     return await WebAssembly.compile(/** @type {BufferSource} */ (bytes)); // whatever MIME type the server says
   } catch (error) {
     throw new TexfError('internal', `texf.wasm cannot be used: ${error instanceof Error ? error.message : error}`);

@@ -10,12 +10,12 @@ from tools.release.clean_copy import run
 
 PARTS_BUNDLED = ({
     "type": "library", "bom-ref": "texf.wasm/draco", "name": "draco", "version": "1.5.7",
-    "description": "its decoder, compiled into texfcodec/sandbox/texf.wasm, and into the native library of platform wheels, "
+    "description": "its decoder, compiled into texfcodec/sandbox/texf_simd.wasm, and into the native library of platform wheels, "
                    "from the sources that DracoPy 2.2.0 ships",
     "licenses": [{"license": {"id": "Apache-2.0"}}],
 }, {
     "type": "library", "bom-ref": "texf.wasm/zig", "name": "zig", "version": "0.17.1",
-    "description": "wasi-libc, libc++ and compiler-rt, compiled into texfcodec/sandbox/texf.wasm; libc++ into the native library",
+    "description": "wasi-libc, libc++ and compiler-rt, compiled into texfcodec/sandbox/texf_simd.wasm; libc++ into the native library",
     "licenses": [{"license": {"id": "MIT"}}],
 }, {
     "type": "library", "bom-ref": "viewer.js/three", "name": "three", "version": "0.187.0",

@@ -112,49 +112,58 @@ std::string description_of(const Asset& asset) {
 
 // The texels of a group as an image of the level of detail. What is not in the field gets the mean of what is in the smallest
 // square of a quadtree around it that holds any, so that mipmaps meet nothing foreign.
-std::vector<u8> image_of(const Asset& asset, size_t i, size_t g) {
-  const Field& field = asset.fields[i];
-  int left_out = std::max(asset.levels_left_out(i), int(asset.level_shift[i * asset.groups.size() + g]));
-  int count = asset.groups[g].components, width = int(ceil_div(field.width, 1ll << left_out)), height = int(ceil_div(field.height, 1ll << left_out));
-  struct Level {
-    int width, height;
-    std::vector<u32> sum;  // [height, width, count + 1], the last is how many
-  };
-  std::vector<Level> levels{{width, height, std::vector<u32>(size_t(width) * height * (count + 1), 0)}};
-  const std::vector<u8>& values = asset.values[i][g];
-  std::vector<u64> cells = asset.cells(i, left_out);
-  for (size_t n = 0; n < cells.size(); n++) {
-    u32* at = &levels[0].sum[(gathered_bits(cells[n] >> 1) * width + gathered_bits(cells[n])) * (count + 1)];
-    for (int c = 0; c < count; c++) at[c] = values[n * count + c];
-    at[count] = 1;
-  }
+struct Picture {  // a level of an image, and which of its texels have a value
+  int width, height;
+  std::vector<u8> texels, there;
+};
+
+template <int count>
+std::vector<u8> filled_image(Picture whole) {
+  std::vector<Picture> levels;
+  levels.push_back(std::move(whole));
   while (levels.back().width > 1 || levels.back().height > 1) {
-    const Level& fine = levels.back();
-    Level coarse{(fine.width + 1) / 2, (fine.height + 1) / 2, {}};
-    coarse.sum.assign(size_t(coarse.width) * coarse.height * (count + 1), 0);
-    for (int y = 0; y < fine.height; y++)
-      for (int x = 0; x < fine.width; x++) {
-        const u32* from = &fine.sum[(size_t(y) * fine.width + x) * (count + 1)];
-        u32* to = &coarse.sum[(size_t(y / 2) * coarse.width + x / 2) * (count + 1)];
-        if (from[count])
-          for (int c = 0; c <= count; c++) to[c] += c < count ? (from[c] + from[count] / 2) / from[count] : 1;
+    const Picture& fine = levels.back();
+    Picture coarse{(fine.width + 1) / 2, (fine.height + 1) / 2, {}, {}};
+    size_t cells = size_t(coarse.width) * coarse.height;
+    coarse.texels.resize(cells * count), coarse.there.resize(cells);
+    for (size_t at = 0, y = 0; y < size_t(fine.height); y += 2)
+      for (size_t x = 0; x < size_t(fine.width); x += 2, at++) {
+        size_t first = y * fine.width + x;
+        u32 sums[count] = {}, n = 0;
+        for (size_t down = 0; down < 2 && y + down < size_t(fine.height); down++)
+          for (size_t right = 0; right < 2 && x + right < size_t(fine.width); right++) {
+            size_t from = first + down * fine.width + right;
+            n += fine.there[from];
+            for (int c = 0; c < count; c++) sums[c] += fine.texels[from * count + c];  // 0 where there is none
+          }
+        if (n == 0) continue;
+        coarse.there[at] = 1;
+        for (int c = 0; c < count; c++) coarse.texels[at * count + c] = n == 4 ? u8((sums[c] + 2) >> 2) : u8((sums[c] + n / 2) / n);
       }
     levels.push_back(std::move(coarse));
   }
   for (size_t l = levels.size() - 1; l-- > 0;) {
-    Level &fine = levels[l], &coarse = levels[l + 1];
-    for (int y = 0; y < fine.height; y++)
-      for (int x = 0; x < fine.width; x++) {
-        u32* to = &fine.sum[(size_t(y) * fine.width + x) * (count + 1)];
-        if (!to[count]) memcpy(to, &coarse.sum[(size_t(y / 2) * coarse.width + x / 2) * (count + 1)], 4 * (count + 1));
-      }
+    Picture &fine = levels[l], &coarse = levels[l + 1];
+    for (size_t at = 0, y = 0; y < size_t(fine.height); y++)
+      for (size_t x = 0; x < size_t(fine.width); x++, at++)
+        if (!fine.there[at]) memcpy(&fine.texels[at * count], &coarse.texels[(y / 2 * coarse.width + x / 2) * count], count);
   }
-  std::vector<u8> image(size_t(width) * height * count);
-  for (size_t n = 0; n < size_t(width) * height; n++) {
-    const u32* at = &levels[0].sum[n * (count + 1)];
-    for (int c = 0; c < count; c++) image[n * count + c] = at[count] ? u8((at[c] + at[count] / 2) / at[count]) : 0;
+  return std::move(levels[0].texels);
+}
+
+std::vector<u8> image_of(const Asset& asset, size_t i, size_t g) {
+  const Field& field = asset.fields[i];
+  int left_out = std::max(asset.levels_left_out(i), int(asset.level_shift[i * asset.groups.size() + g]));
+  int count = asset.groups[g].components, width = int(ceil_div(field.width, 1ll << left_out)), height = int(ceil_div(field.height, 1ll << left_out));
+  Picture whole{width, height, std::vector<u8>(size_t(width) * height * count), std::vector<u8>(size_t(width) * height)};
+  const std::vector<u8>& values = asset.values[i][g];
+  std::vector<u64> cells = asset.cells(i, left_out);
+  for (size_t n = 0; n < cells.size(); n++) {
+    size_t at = gathered_bits(cells[n] >> 1) * width + gathered_bits(cells[n]);
+    memcpy(&whole.texels[at * count], &values[n * count], count);
+    whole.there[at] = 1;
   }
-  return image;
+  return count == 1 ? filled_image<1>(std::move(whole)) : count == 2 ? filled_image<2>(std::move(whole)) : filled_image<3>(std::move(whole));
 }
 
 }  // namespace

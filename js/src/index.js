@@ -31,8 +31,8 @@ const IN_NODE = typeof process !== 'undefined' && Boolean(process.versions?.node
 export class Decoder {
   /**
    * @param {{workers?: number, wasm?: ModulePlace, blocksWasm?: ModulePlace, worker?: string|URL|null, splitBytes?: number}} options
-   *   wasm: where texf.wasm is, or its bytes; blocksWasm: where blocks.wasm is; worker: where the worker's script is, as one classic script, where a page has bundled it;
-   *   splitBytes: with so many bytes of attributes in several units a stream is decoded by all workers that are idle
+   *   wasm: where the module is, or its bytes; blocksWasm: where blocks.wasm is; worker: where the worker's script is, as one classic script, where a page has bundled it;
+   *   splitBytes: with so many bytes of attributes in several units, or texels that take as long, a stream is decoded by all workers that are idle
    */
   constructor({workers = Math.min(4, globalThis.navigator?.hardwareConcurrency ?? 2), wasm = null, blocksWasm = null, worker = null, splitBytes = 65536} = {}) {
     this.limit = Math.max(1, workers);
@@ -57,7 +57,7 @@ export class Decoder {
 
   /** Fetches and compiles the module ahead of use. */
   preload() {
-    this.module ??= moduleOf('texf.wasm', this.wasm, () => new URL('./texf.wasm', import.meta.url)).catch((error) => {
+    this.module ??= moduleOf('the decoder', this.wasm, moduleHere).catch((error) => {
       this.module = null; // another try may have more luck
       throw error;
     });
@@ -250,6 +250,15 @@ class PoolWorker {
     this.alive = false;
     this.worker?.terminate();
   }
+}
+
+// (module (func (result v128) (i8x16.splat (i32.const 0))))
+const VECTORS = Uint8Array.of(0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 8, 1, 6, 0, 65, 0, 253, 15, 11);
+
+/** The module beside this file that this engine can run: with vectors (SIMD), which browsers have since 2023, or without.
+ * Two places in full, because bundlers look for such. */
+function moduleHere() {
+  return WebAssembly.validate(VECTORS) ? new URL('./texf_simd.wasm', import.meta.url) : new URL('./texf.wasm', import.meta.url);
 }
 
 /** @param {string} name @param {ModulePlace} wasm @param {() => URL} usual where it is if wasm is null @returns {Promise<WebAssembly.Module>} */

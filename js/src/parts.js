@@ -4,42 +4,50 @@ import {ALL} from './engine.js';
 
 /** @typedef {import('./engine.js').Asset} Asset */
 
-const HEADER = 8, ATTRIBUTE = 4, CRC = 4, BITS = 31; // clause 5: unit_type of attribute units; bits that stand for one unit each
+const HEADER = 8, FIELD = 2, ATTRIBUTE = 4, CRC = 4, BITS = 31; // clause 5: unit_type; bits that stand for one unit each
+const CELLS = 6; // texels or voxels of a field that take about as long as a byte of its payload
 
-/** Bytes of the attribute units of a stream, in its order; what is no stream has none, and the decoder says so.
- * @param {Uint8Array} bytes */
-function attributeBytes(bytes) {
-  const lengths = [];
-  for (let at = HEADER; at < bytes.length;) {
-    const type = bytes[at++];
-    let length = 0;
-    for (let scale = 1, more = true; more && at < bytes.length; scale *= 128) {
-      length += (bytes[at] & 127) * scale;
-      more = bytes[at++] > 127;
-    }
-    if (type === ATTRIBUTE) lengths.push(length);
-    at += length + CRC;
+/** A number of 7 bits a byte, and where it ends.
+ * @param {Uint8Array} bytes @param {number} at @returns {[number, number]} */
+function varint(bytes, at) {
+  let value = 0;
+  for (let scale = 1, more = true; more && at < bytes.length; scale *= 128) {
+    value += (bytes[at] & 127) * scale;
+    more = bytes[at++] > 127;
   }
-  return lengths;
+  return [value, at];
+}
+
+/** What decoding each attribute unit of a stream costs, in bytes of payload; what is no stream has none, and the decoder says so.
+ * @param {Uint8Array} bytes */
+function attributeCosts(bytes) {
+  const costs = [], /** @type {number[]} */ cells = [];
+  for (let at = HEADER; at < bytes.length;) {
+    const type = bytes[at], [length, begin] = varint(bytes, at + 1), [field, next] = varint(bytes, begin);
+    if (type === FIELD) [cells[field]] = varint(bytes, next + (bytes[next] === 1 ? 8 : 5)); // num_keys, after support and its costs
+    if (type === ATTRIBUTE) costs.push(length + (cells[field] ?? 0) / 4 ** bytes[next + 2] / CELLS); // level_shift
+    at = begin + length + CRC;
+  }
+  return costs;
 }
 
 /**
- * Which attribute units every part decodes, one bit each: the largest first, each to the part that has least. One part where there is
+ * Which attribute units every part decodes, one bit each: the dearest first, each to the part that has least. One part where there is
  * nothing to gain: the surface is found again by every part.
  *
  * @param {Uint8Array} bytes
  * @param {number} most parts
- * @param {number} least bytes of attributes that are worth a second worker
+ * @param {number} least bytes of attributes that are worth a second worker, or what takes as long
  * @returns {number[]} the first part has the first unit
  */
 export function partsOf(bytes, most, least) {
-  const sizes = attributeBytes(bytes), sum = sizes.reduce((a, b) => a + b, 0);
-  if (most < 2 || sizes.length < 2 || sizes.length > BITS || sum < least || Math.max(...sizes) > 0.8 * sum) return [ALL];
-  const count = Math.min(most, sizes.length, Math.ceil(sum / Math.max(...sizes)));
-  const parts = Array.from({length: count}, () => ({bytes: 0, chosen: 0}));
-  for (const i of sizes.map((_, n) => n).sort((a, b) => sizes[b] - sizes[a])) {
-    const part = parts.reduce((a, b) => (b.bytes < a.bytes ? b : a));
-    part.bytes += sizes[i];
+  const costs = attributeCosts(bytes), sum = costs.reduce((a, b) => a + b, 0);
+  if (most < 2 || costs.length < 2 || costs.length > BITS || sum < least || Math.max(...costs) > 0.8 * sum) return [ALL];
+  const count = Math.min(most, costs.length, Math.ceil(sum / Math.max(...costs)));
+  const parts = Array.from({length: count}, () => ({cost: 0, chosen: 0}));
+  for (const i of costs.map((_, n) => n).sort((a, b) => costs[b] - costs[a])) {
+    const part = parts.reduce((a, b) => (b.cost < a.cost ? b : a));
+    part.cost += costs[i];
     part.chosen |= 1 << i;
   }
   return parts.map(({chosen}) => chosen).sort((a, b) => b % 2 - a % 2);

@@ -4,7 +4,7 @@
  *     node js/test/fuzz_container.mjs [--executions 1000] [--seed 1] [--first 0] [--save FOLDER]
  *
  * Prints JSON with executions, seconds of the processor, outcomes and findings, and exits 7 with findings. Input n of a seed is always
- * the same: --first n --executions 1 runs it again. Streams are decoded by texf.wasm, equal ones once, for other fuzzers are about streams.
+ * the same: --first n --executions 1 runs it again. Streams are decoded by texf_simd.wasm, equal ones once, for other fuzzers are about streams.
  */
 
 import {readFileSync, readdirSync, writeFileSync} from 'node:fs';
@@ -36,7 +36,7 @@ export function inputOf(files, seed, n) {
 
 /** A decoder that decodes equal streams once. */
 function decoderOf() {
-  const module = new WebAssembly.Module(readFileSync(new URL('../src/texf.wasm', import.meta.url))), known = new Map();
+  const module = new WebAssembly.Module(readFileSync(new URL('../src/texf_simd.wasm', import.meta.url))), known = new Map();
   const decode = async (stream, {limits}) => {
     const key = Buffer.from(stream).toString('latin1');
     if (!known.has(key) && known.size > 256) known.clear();

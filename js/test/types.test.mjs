@@ -51,7 +51,7 @@ console.log(wrong);
 test('a strict TypeScript program compiles against the packed package', {skip: !there && 'npm, tar or node_modules is missing'}, () => {
   const [{filename, files}] = JSON.parse(execFileSync('npm', ['pack', '--json', '--silent', '--pack-destination', folder], {cwd: home, encoding: 'utf-8'}));
   const names = files.map((file) => file.path);
-  for (const name of ['src/index.js', 'src/texf.wasm', 'types/index.d.ts', 'types/three.d.ts', 'types/engine.d.ts']) assert.ok(names.includes(name), name);
+  for (const name of ['src/index.js', 'src/texf.wasm', 'src/texf_simd.wasm', 'types/index.d.ts', 'types/three.d.ts', 'types/engine.d.ts']) assert.ok(names.includes(name), name);
   assert.ok(!names.some((name) => /^(test|node_modules|example)/.test(name)), names.join());
   const consumer = path.join(folder, 'consumer');
   mkdirSync(path.join(consumer, 'node_modules', 'texf'), {recursive: true});

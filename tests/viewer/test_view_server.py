@@ -60,8 +60,8 @@ def test_the_page_and_its_modules_are_served_under_a_strict_policy(view):
 def test_every_file_of_the_page_is_served_by_its_kind():
     with ViewServer([]) as view:
         names = [path.name for path in Path(server.WEB).iterdir() if path.is_file()]
-        assert "index.html" in names and set(view.pages) == {*names, "texf.wasm"}
-        status, headers, body = ask(view, "web/texf.wasm")
+        assert "index.html" in names and set(view.pages) == {*names, "texf_simd.wasm"}
+        status, headers, body = ask(view, "web/texf_simd.wasm")
         assert (status, headers["Content-Type"], body[:4]) == (200, "application/wasm", b"\0asm")
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..report import Report
     from ..texf import Texf
 
-MODULE = Path(__file__).with_name("texf.wasm")
+MODULE = Path(__file__).with_name("texf_simd.wasm")
 
 
 def is_here() -> bool:

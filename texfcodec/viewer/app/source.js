@@ -44,7 +44,7 @@ export class Source {
 
   /** Fetches the decoder. */
   ready() {
-    this.wasm ??= this.bytes('decoder', 'web/texf.wasm').then((wasm) => this.texf.setDecoderPath(wasm));
+    this.wasm ??= this.bytes('decoder', 'web/texf_simd.wasm').then((wasm) => this.texf.setDecoderPath(wasm));
     return this.wasm;
   }
 

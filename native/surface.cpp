@@ -236,11 +236,11 @@ class Image {  // one bit a texel
     std::vector<u64> out;
     out.reserve(count);
     for (u64 square = 0; square < 1ull << (2 * side); square++) {
-      u64 x = even_bits(square), y = even_bits(square >> 1), found[64];
+      u64 x = even_bits(square), y = even_bits(square >> 1), listed[64];
       if (x * 8 >= u64(width_) || y * 8 >= u64(height_)) continue;
       int number = 0;
-      for (u64 left = texels(x, y), first = morton_key(8 * x, 8 * y, 0); left; left &= left - 1) found[number++] = first + within[__builtin_ctzll(left)];
-      out.insert(out.end(), found, found + number);
+      for (u64 left = texels(x, y), first = morton_key(8 * x, 8 * y, 0); left; left &= left - 1) listed[number++] = first + within[__builtin_ctzll(left)];
+      out.insert(out.end(), listed, listed + number);
     }
     return out;
   }

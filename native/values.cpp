@@ -523,18 +523,19 @@ class Raht {
     block.node = node;
     block.mask = mask;
     u32 child = level_->first_child[node];
-    for (int octant = 0; octant < 8; octant++)
-      if (mask >> octant & 1) block.W[7 + octant] = lower_->weight.empty() ? 1 : i32(lower_->weight[child++]);
+    for (int left = mask; left; left &= left - 1) block.W[7 + __builtin_ctz(left)] = lower_->weight.empty() ? 1 : i32(lower_->weight[child++]);
     for (int n = 6; n >= 0; n--) block.W[n] = block.W[2 * n + 1] + block.W[2 * n + 2];
     block.splits = ones(mask) - 1;
     predict(block);
+    const i64 half = block.W[0];
+    const double reciprocal = 0.5 / double(half);
     for (int k = 0; k < (components_ > 1 ? 2 : 1); k++) {
       int c0 = k == 0 ? 0 : 1, c1 = k == 0 ? 1 : components_;
       if (k == 1 && unit_.component_cross > 0 && block.flag[0]) follow(block);
       for (int c = c0; c < c1; c++) {
-        i64 acc = 0;
-        for (int octant = 0; octant < 8; octant++) acc += i64(block.W[7 + octant]) * block.predicted[c][octant];
-        block.acc_shift[c] = i32(quotient(2 * acc + block.W[0], 2 * i64(block.W[0])));
+        i64 acc = block.W[0];
+        for (int left = mask; left; left &= left - 1) acc += 2 * i64(block.W[7 + __builtin_ctz(left)]) * block.predicted[c][__builtin_ctz(left)];
+        block.acc_shift[c] = i32(half < 1 << 19 ? by_reciprocal(acc, reciprocal) : floor_div(acc, 2 * half));
       }
       parse_plane(block, k, c0, c1);
       if (!block.flag[k]) continue;

@@ -51,11 +51,13 @@ enum Finding : int {
 };
 
 [[noreturn]] void refuse(const texf_refusal& refusal);
-[[noreturn]] void fail(Finding finding, const char* format, ...) __attribute__((format(printf, 2, 3)));
+std::string decimal(u64 value);
+[[noreturn]] void fail(Finding finding, const char* sentence);
+[[noreturn]] void fail(Finding finding, const std::string& sentence);
 [[noreturn]] void fail_value(Finding finding, u64 value, u64 allowed, const char* sentence);  // "sentence: value, allowed ..."
 
 inline void require(bool holds, Finding finding, const char* sentence) {
-  if (!holds) fail(finding, "%s", sentence);
+  if (!holds) fail(finding, sentence);
 }
 inline void require_equal(u64 value, u64 coded, Finding finding, const char* sentence) {
   if (value != coded) fail_value(finding, value, coded, sentence);

@@ -1,5 +1,5 @@
 // The C interface (texf.h): one decode, and the arrays of what was decoded.
-#include <cstdio>
+#include <cmath>
 #include <new>
 
 #include "core.hpp"
@@ -15,18 +15,26 @@ class Json {
   Json& open(char bracket) { return comma(), text += bracket, fresh_ = true, *this; }
   Json& close(char bracket) { return text += bracket, fresh_ = false, *this; }
   Json& key(const char* name) { return string(name), text += ':', fresh_ = true, *this; }
-  Json& number(double value) {
-    char digits[32];
-    snprintf(digits, sizeof digits, "%.17g", value);
-    return comma(), text += digits, *this;
+  Json& number(double value) {  // with all its decimals: m / 2^n is m * 5^n / 10^n
+    int exponent;
+    double left = std::frexp(value < 0 ? -value : value, &exponent);
+    u64 m = u64(std::ldexp(left, 53));
+    exponent -= 53;
+    for (; m > 0 && m % 2 == 0 && exponent < 0; m /= 2) exponent++;
+    std::string digits = decimal(m);
+    for (int n = exponent; m > 0 && n != 0; n += n < 0 ? 1 : -1) multiply(digits, n < 0 ? 5 : 2);
+    comma();
+    if (value < 0) text += '-';
+    text += digits;
+    if (m > 0 && exponent < 0) text += "e-" + decimal(-exponent);
+    return *this;
   }
   Json& string(const std::string& value) {
     comma();
     text += '"';
     for (char c : value) {
-      char escape[8];
       if (c == '"' || c == '\\') text += '\\';
-      if (u8(c) < 32) snprintf(escape, sizeof escape, "\\u%04x", c), text += escape;
+      if (u8(c) < 32) text += c < 16 ? "\\u000" : "\\u001", text += "0123456789abcdef"[c % 16];
       else text += c;
     }
     text += '"';
@@ -35,6 +43,14 @@ class Json {
   Json& field(const char* name, double value) { return key(name).number(value); }
 
  private:
+  static void multiply(std::string& digits, int factor) {
+    int carry = 0;
+    for (size_t i = digits.size(); i-- > 0; carry /= 10) {
+      carry += factor * (digits[i] - '0');
+      digits[i] = char('0' + carry % 10);
+    }
+    if (carry > 0) digits.insert(digits.begin(), char('0' + carry));
+  }
   void comma() {
     if (!fresh_) text += ',';
     fresh_ = false;

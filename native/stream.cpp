@@ -1,25 +1,29 @@
 // Clauses 4 and 5: reading units, what binds them to each other (9.2), Draco; and the order of everything else.
 #include <cmath>
-#include <cstdarg>
-#include <cstdio>
 
 #include "core.hpp"
 
 namespace texf {
 
-void fail(Finding finding, const char* format, ...) {
-  texf_refusal refusal = {finding, 0, 0, 0, ""};
-  va_list rest;
-  va_start(rest, format);
-  vsnprintf(refusal.sentence, sizeof refusal.sentence, format, rest);
-  va_end(rest);
-  refuse(refusal);
+std::string decimal(u64 value) {
+  std::string digits;
+  do digits.insert(digits.begin(), char('0' + value % 10));
+  while (value /= 10);
+  return digits;
 }
 
-void fail_value(Finding finding, u64 value, u64 allowed, const char* sentence) {
-  texf_refusal refusal = {finding, 1, value, allowed, ""};
-  snprintf(refusal.sentence, sizeof refusal.sentence, "%s: %llu, allowed %llu", sentence, (unsigned long long)value, (unsigned long long)allowed);
+namespace {
+[[noreturn]] void refuse_with(texf_refusal refusal, const std::string& sentence) {
+  memcpy(refusal.sentence, sentence.data(), std::min(sentence.size(), sizeof refusal.sentence - 1));
   refuse(refusal);
+}
+}  // namespace
+
+void fail(Finding finding, const char* sentence) { refuse_with({finding, 0, 0, 0, ""}, sentence); }
+void fail(Finding finding, const std::string& sentence) { refuse_with({finding, 0, 0, 0, ""}, sentence); }
+
+void fail_value(Finding finding, u64 value, u64 allowed, const char* sentence) {
+  refuse_with({finding, 1, value, allowed, ""}, std::string(sentence) + ": " + decimal(value) + ", allowed " + decimal(allowed));
 }
 
 i64 isqrt(u64 v) {
@@ -55,7 +59,7 @@ u32 crc32(const void* data, size_t size, u32 before) {
 }
 
 void sort_keys(std::vector<u64>& keys) {
-  if (keys.size() < 4096) return std::sort(keys.begin(), keys.end());
+  if (keys.empty()) return;
   std::vector<u64> other(keys.size());
   u64 differ = 0;
   for (u64 key : keys) differ |= key ^ keys[0];
@@ -92,7 +96,7 @@ class Reader {
   size_t left() const { return end_ - at_; }
   const u8* at() const { return at_; }
   Bytes take(u64 count, const char* name) {
-    if (count > left()) fail(S02, "%s: the bytes end before it", name);
+    if (count > left()) fail(S02, std::string(name) + ": the bytes end before it");
     Bytes found{at_, size_t(count)};
     at_ += count;
     return found;
@@ -109,12 +113,12 @@ class Reader {
   u32 u32_(const char* name) { return u32(number(4, name, 0, 0xffffffff)); }
   i32 i32_(const char* name, i32 low, i32 high) {
     i32 value = i32(u32_(name));
-    if (value < low || value > high) fail(S04, "%s is %d", name, value);
+    if (value < low || value > high) fail(S04, std::string(name) + " is " + decimal(value));
     return value;
   }
   int registry(const char* name, int low, int high) { return known(u8_(name, low), name, high); }
   static int known(u64 value, const char* name, int high) {
-    if (value > u64(high)) fail(U09, "%s is %llu", name, (unsigned long long)value);
+    if (value > u64(high)) fail(U09, std::string(name) + " is " + decimal(value));
     return int(value);
   }
   u64 v(const char* name, u64 low = 0, u64 high = (1ull << 56) - 1) {
@@ -123,22 +127,22 @@ class Reader {
       u64 byte = u8_(name);
       value |= (byte & 127) << (7 * i);
       if (byte < 128) {
-        if (byte == 0 && i > 0) fail(S05, "%s is not in its shortest form", name);
+        if (byte == 0 && i > 0) fail(S05, std::string(name) + " is not in its shortest form");
         return ranged(value, name, low, high);
       }
     }
-    fail(S05, "%s has more than 8 bytes", name);
+    fail(S05, std::string(name) + " has more than 8 bytes");
   }
   double f64(const char* name, double low = -1e300) {
     double value;
     memcpy(&value, take(8, name).data, 8);
-    if (!(value >= low && value <= 1e300)) fail(S04, "%s is out of its range", name);
+    if (!(value >= low && value <= 1e300)) fail(S04, std::string(name) + " is out of its range");
     return value == 0 ? 0 : value;
   }
   float f32(const char* name) {
     float value;
     memcpy(&value, take(4, name).data, 4);
-    if (!std::isfinite(value)) fail(S04, "%s is not finite", name);
+    if (!std::isfinite(value)) fail(S04, std::string(name) + " is not finite");
     return value;
   }
   std::string utf8(u64 count, const char* name) {
@@ -154,7 +158,7 @@ class Reader {
       }
       right = right && !(more == 2 && point < 0x800) && !(more == 3 && point < 0x10000) && point <= 0x10ffff &&
               !(point >= 0xd800 && point < 0xe000);
-      if (!right) fail(S06, "%s is not UTF-8", name);
+      if (!right) fail(S06, std::string(name) + " is not UTF-8");
       i += more + 1;
     }
     return std::string(reinterpret_cast<const char*>(bytes.data), bytes.size);
@@ -162,7 +166,7 @@ class Reader {
 
  private:
   static u64 ranged(u64 value, const char* name, u64 low, u64 high) {
-    if (value < low || value > high) fail(S04, "%s is %llu, not in its range", name, (unsigned long long)value);
+    if (value < low || value > high) fail(S04, std::string(name) + " is " + decimal(value) + ", not in its range");
     return value;
   }
   const u8 *at_, *end_;
@@ -183,7 +187,7 @@ Unit read_unit(Reader& reader) {
   unit.type = reader.u8_("unit_type");
   unit.payload = reader.take(reader.v("unit_length"), "payload");
   u32 crc = crc32(start, reader.at() - start);
-  if (reader.u32_("unit_crc") != crc) fail(S03, "the unit_crc of a unit of type %d does not match", unit.type);
+  if (reader.u32_("unit_crc") != crc) fail(S03, "the unit_crc of a unit of type " + decimal(unit.type) + " does not match");
   return unit;
 }
 
@@ -193,14 +197,14 @@ std::vector<Unit> units_of(Bytes data) {
   Reader reader({data.data + 8, data.size - 8});
   std::vector<Unit> units{read_unit(reader)};
   require(units[0].type == HEADER, S07, "the first unit is not the sequence header");
-  if (units[0].payload.size > 0 && units[0].payload.data[0] != 1) fail(U04, "version is %d", units[0].payload.data[0]);
+  if (units[0].payload.size > 0 && units[0].payload.data[0] != 1) fail(U04, "version is " + decimal(units[0].payload.data[0]));
   int last = HEADER;
   bool there[256] = {true};
   while (last != END) {
     Unit unit = read_unit(reader);
     bool once = unit.type <= MATERIALS || (unit.type >= METADATA && unit.type <= CODED_NORMALS);
-    if (once && there[unit.type]) fail(S07, "a second unit of type %d", unit.type);
-    if (unit.type > END && unit.type < METADATA) fail(U01, "unit_type is %d", unit.type);
+    if (once && there[unit.type]) fail(S07, "a second unit of type " + decimal(unit.type));
+    if (unit.type > END && unit.type < METADATA) fail(U01, "unit_type is " + decimal(unit.type));
     if (unit.type <= END) {
       require(unit.type >= last, S07, "the units do not ascend by type");
       last = unit.type;
@@ -254,7 +258,7 @@ Counts read_header(Reader& reader, Asset& asset) {
     int sum = 0;
     for (int semantic : group.semantics) sum += CHANNEL_COMPONENTS[semantic];
     bool grey = group.semantics.size() == 1 && SRGB >> group.semantics[0] & 1 && group.components == 1;
-    if (group.components != sum && !grey) fail(U03, "group_components is %d", group.components);
+    if (group.components != sum && !grey) fail(U03, "group_components is " + decimal(group.components));
   }
   return counts;
 }
@@ -435,7 +439,7 @@ AttributeUnit read_attribute(Reader& reader, const Asset& asset, u64 num_fields)
   unit.values_crc = reader.u32_("values_crc");
   require(unit.field < asset.fields.size(), S09, "an attribute unit names a field that is not there");
   require(size_t(unit.group) < asset.groups.size(), S09, "an attribute unit names a channel group that is not there");
-  if (unit.codec > CONSTANT) fail(unit.codec >= FIRST_PRIVATE ? U07 : U02, "codec_id is %d %.60s", unit.codec, name.c_str());
+  if (unit.codec > CONSTANT) fail(unit.codec >= FIRST_PRIVATE ? U07 : U02, "codec_id is " + decimal(unit.codec) + " " + name.substr(0, 60));
   const Field& field = asset.fields[unit.field];
   const ChannelGroup& group = asset.groups[unit.group];
   int most = unit.codec == NEURAL || channels_of(group) & BASE ? 0 : field.depth();
@@ -554,7 +558,7 @@ std::unique_ptr<Asset> read_stream(const u8* data, size_t size, const texf_limit
       case END: break;
       default: asset.skipped.push_back(unit.type); reader.rest();
     }
-    if (reader.left() > 0) fail(S08, "%zu bytes are left over in a unit of type %d", reader.left(), unit.type);
+    if (reader.left() > 0) fail(S08, decimal(reader.left()) + " bytes are left over in a unit of type " + decimal(unit.type));
   }
   require(materials, S11, "there is no materials unit");
   check_units(asset, counts);

@@ -25,7 +25,8 @@ Frame frame_of(const GeometryUnit& unit, size_t face, int resolution, int positi
   Point p[3];
   for (int i = 0; i < 3; i++)
     for (int axis = 0; axis < 3; axis++) p[i][axis] = (i64(unit.at(face, i)[axis]) * resolution << 16) >> position_bits;
-  std::sort(p, p + 3);
+  for (int i : {0, 1, 0})
+    if (p[i + 1] < p[i]) std::swap(p[i], p[i + 1]);
   const Point &a = p[0], &b = p[1], &c = p[2];
   i64 ab = reach(a, b), ac = reach(a, c), bc = reach(b, c);
   Frame frame = ab >= ac && ab >= bc ? Frame{a, b, c, 1, 1, 0} : ac >= bc ? Frame{a, c, b, 1, 1, 0} : Frame{b, c, a, 1, 1, 0};
@@ -426,7 +427,18 @@ struct Edge {
   bool same(const Edge& o) const { return lesser == o.lesser && greater == o.greater; }
 };
 
-std::vector<Edge> edges_of(const Corners& corners) {  // an entry for every face, sorted
+// Sorts items by key(item), a number below `end`; what has the same key keeps its order.
+template <typename Item, typename Key>
+void sort_by(std::vector<Item>& items, size_t end, const Key& key) {
+  std::vector<u32> next(end + 1, 0);
+  for (const Item& item : items) next[key(item) + 1]++;
+  for (size_t n = 0; n < end; n++) next[n + 1] += next[n];
+  std::vector<Item> sorted(items.size());
+  for (const Item& item : items) sorted[next[key(item)]++] = item;
+  items.swap(sorted);
+}
+
+std::vector<Edge> edges_of(const Corners& corners) {  // an entry for every face, sorted by positions, then by face
   std::vector<Edge> edges;
   edges.reserve(3 * corners.faces());
   for (size_t f = 0; f < corners.faces(); f++)
@@ -434,10 +446,16 @@ std::vector<Edge> edges_of(const Corners& corners) {  // an entry for every face
       u32 a = corners.place[f][i], b = corners.place[f][(i + 1) % 3];
       edges.push_back({std::min(a, b), std::max(a, b), u32(f)});
     }
-  std::sort(edges.begin(), edges.end(), [](const Edge& a, const Edge& b) {
-    return a.lesser != b.lesser ? a.lesser < b.lesser : a.greater != b.greater ? a.greater < b.greater : a.face < b.face;
-  });
+  sort_by(edges, corners.position.size(), [](const Edge& edge) { return edge.greater; });
+  sort_by(edges, corners.position.size(), [](const Edge& edge) { return edge.lesser; });
   return edges;
+}
+
+double cosine(double angle) {  // of 0 to pi, to 1e-14: that of a fourth by its series, doubled twice; the C library's takes 9 kB of a page
+  double square = angle * angle / 16, c = 1;
+  for (int n = 18; n > 0; n -= 2) c = 1 - square * c / (n * (n - 1));
+  for (int times = 0; times < 2; times++) c = 2 * c * c - 1;
+  return c;
 }
 
 // Calls what(first entry, one after the last, number of the mark or -1) for every edge of 2 to 8 faces, in order.
@@ -501,20 +519,15 @@ std::vector<u32> corner_groups(const Asset& asset, const Corners& corners, const
   std::vector<u32> order;
   for (size_t f = 0; f < corners.faces(); f++)
     if (corners.whole(f)) order.push_back(u32(f));
-  std::sort(order.begin(), order.end(), [&](u32 a, u32 b) { return oriented(corners, a) < oriented(corners, b); });
+  for (int i : {2, 1, 0}) sort_by(order, corners.position.size(), [&](u32 f) { return oriented(corners, f)[i]; });
   for (size_t n = 1; n < order.size(); n++)
     if (oriented(corners, order[n]) == oriented(corners, order[n - 1]))
       for (u32 rank : corners.place[order[n]])
         join(above, 3 * order[n] + corners.corner_at(order[n], rank), 3 * order[n - 1] + corners.corner_at(order[n - 1], rank));
   std::vector<u32> asking;  // corners, by position and then by face
-  std::vector<u32> turn(corners.faces());
-  for (size_t n = 0; n < order.size(); n++) turn[order[n]] = u32(n);
   for (u32 f : order)
     for (u32 i = 0; i < 3 && asset.materials[corners.material[f]].normal_rule == 6; i++) asking.push_back(3 * f + i);
-  std::sort(asking.begin(), asking.end(), [&](u32 a, u32 b) {
-    u32 p = corners.place[a / 3][a % 3], q = corners.place[b / 3][b % 3];
-    return p != q ? p < q : turn[a / 3] < turn[b / 3];
-  });
+  sort_by(asking, corners.position.size(), [&](u32 corner) { return corners.place[corner / 3][corner % 3]; });
   std::vector<u32> of_root(above.size(), NO_GROUP), group(above.size(), NO_GROUP);
   *count = 0;
   for (u32 corner : asking) {
@@ -653,7 +666,7 @@ std::vector<std::vector<float>> shading_normals(const Asset& asset) {
     for (size_t m = first; m < chosen.size(); m++)
       if (asset.materials[m].normal_rule == rule && asset.materials[m].normal_angle == angle) chosen[m] = done[m] = true;
     std::vector<u32> above = alone(found.size());
-    double least = std::cos(angle * 0.017453292519943295) - 1e-12;
+    double least = cosine(angle * 0.017453292519943295) - 1e-12;
     if (rule < 6 && angle > 0)
       for_each_edge(asset, corners, edges, [&](size_t a, size_t b, i64 mark) {
         if (rule >= 3 && mark >= 0 && asset.marks[mark]) return;

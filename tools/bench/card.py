@@ -148,9 +148,9 @@ the base colour alone, after 3,000 steps (`texf-enc --codec 3dntc --effects none
 ## Beside KTX2
 
 Textures of ours in blocks, in percent of the column's. They are smaller than KTX2's where the source has two images of data
-whose components fit one texture, or one that is uniform. They are larger where a stream has two
-fields of an image, because pieces that share texels turn normals in different directions (cat, fan, fish), and where an image
-is in many fields (clear coat test).
+whose components fit one texture, or one that is uniform. They are larger where a stream has two fields of an image, because
+pieces that share texels turn normals in different directions (cat, fan, fish), and where an image is in many fields (clear coat
+test).
 """
 
 

@@ -1,5 +1,5 @@
-// 5.6: a mesh of Draco's bitstream 2.2 with what the clause allows and no more: edgebreaker, by symbols or by valences; attributes of
-// integers or of quantised floats, with every prediction that Draco's encoder has for them. A corner is 3 * face + 0, 1, 2.
+// 5.6: a mesh of Draco's bitstream 2.2 with what the clause allows and no more: edgebreaker, by symbols or by valences; attributes
+// of integers or of quantised floats, with every prediction that Draco's encoder has for them. A corner is 3 * face + 0, 1, 2.
 #include <cmath>
 
 #include "core.hpp"
@@ -648,7 +648,8 @@ struct AttributeReader {  // of one attribute
   bool parallelogram(u32 e, u32 corner, i64* guess) const {
     u32 across = fans.opposite[corner];
     if (across == NONE) return false;
-    u32 o = order.entry[fans.vertex[across]], n = order.entry[fans.vertex[next(across)]], p = order.entry[fans.vertex[previous(across)]];
+    u32 o = order.entry[fans.vertex[across]], n = order.entry[fans.vertex[next(across)]];
+    u32 p = order.entry[fans.vertex[previous(across)]];
     if (o >= e || n >= e || p >= e) return false;
     for (u32 c = 0; c < out.columns; c++) guess[c] = i32(value(n, c) + value(p, c) - value(o, c));
     return true;

@@ -25,7 +25,7 @@ bool read_file(const char* path, std::vector<u8>& out) {
 
 void write_file(const std::string& folder, const std::string& name, const void* data, size_t size) {
   FILE* file = fopen((folder + "/" + name + ".bin").c_str(), "wb");
-  if (!file || fwrite(data, 1, size, file) != size || fclose(file) != 0) {
+  if (!file || (size > 0 && fwrite(data, 1, size, file) != size) || fclose(file) != 0) {
     fprintf(stderr, "%s: cannot be written\n", name.c_str());
     exit(2);
   }

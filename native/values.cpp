@@ -934,29 +934,29 @@ class Raht {
   }
 
   static constexpr i32 ABSENT = 1 << 30;
-  static constexpr int WIDE = 16;  // a row of a square and of what is around it
+  static constexpr int WIDE = 16, PATCH = 12 * WIDE + 8;  // a row of a square and of what is around it; all rows
 
   // means: of every square, component and cell; `first` texel of square s, which has `side` cells on each axis
   TEXF_VECTORS void filter_square(Level& level, const Level& squares, u32 s, u32 first, int side, const i32* means, const i8* const* taps_of) const {
-    i32 patch[components_][12 * WIDE + 8], out[components_][64], classes[64];
+    i32 patch[components_ * PATCH], out[components_ * 64], classes[64];
     const u32* row = &squares.rows[size_t(s) * shape_.row];
     bool whole = true;
     for (int n = 0; n < 9; n++) whole = whole && row[n] != NONE && squares.weight[row[n]] == 64;
-    if (!whole) std::fill(patch[0], patch[0] + components_ * (12 * WIDE + 8), ABSENT);
+    if (!whole) std::fill(patch, patch + components_ * PATCH, ABSENT);
     for (int n = 0; n < 9; n++) {
       if (row[n] == NONE) continue;
       int dx = n % 3 - 1, dy = n / 3 - 1, x0 = dx < 0 ? side - 2 : 0, y0 = dy < 0 ? side - 2 : 0, width = dx ? 2 : side, height = dy ? 2 : side;
       for (int c = 0; c < components_; c++)
         for (int y = y0; y < y0 + height; y++)
-          copy_row(&patch[c][(side * dy + y + 2) * WIDE + side * dx + x0 + 2], &means[(size_t(row[n]) * components_ + c) * 64 + 8 * y + x0], width);
+          copy_row(&patch[c * PATCH + (side * dy + y + 2) * WIDE + side * dx + x0 + 2], &means[(size_t(row[n]) * components_ + c) * 64 + 8 * y + x0], width);
     }
     for (int y = 0; y < side; y++)
       for (int x = 0; x < 8; x += LANES) {
-        if (whole) filter_lanes<true>(&patch[0][(y + 2) * WIDE + x + 2], &out[0][8 * y + x], classes, taps_of);
-        else filter_lanes<false>(&patch[0][(y + 2) * WIDE + x + 2], &out[0][8 * y + x], classes, taps_of);
+        if (whole) filter_lanes<true>(&patch[(y + 2) * WIDE + x + 2], &out[8 * y + x], classes, taps_of);
+        else filter_lanes<false>(&patch[(y + 2) * WIDE + x + 2], &out[8 * y + x], classes, taps_of);
       }
     for (u32 n = 0; n < squares.weight[s]; n++)
-      for (int c = 0; c < components_; c++) level.mean[size_t(first + n) * components_ + c] = out[c][level.cell[first + n]];
+      for (int c = 0; c < components_; c++) level.mean[size_t(first + n) * components_ + c] = out[64 * c + level.cell[first + n]];
   }
 
   static void copy_row(i32* to, const i32* from, int width) {
@@ -983,7 +983,7 @@ class Raht {
     if (!whole) count = count < 1 ? own - own + 1 : count;
     for (i32 least_of : least_) class_ -= spread_of >= least_of * count;
     memcpy(classes, &class_, sizeof class_);
-    for (int c = 0; c < components_; c++, from += 12 * WIDE + 8, to += 64) {
+    for (int c = 0; c < components_; c++, from += PATCH, to += 64) {
       own = loaded<Lanes>(from);
       if (!whole) own &= own < ABSENT;
       i32 limit = i32(step_[c] >> 2), tap[5][LANES];

@@ -1,6 +1,7 @@
 """Fields over texels on their way back: the image and UVs that came, whole files, clean padding, the same picture."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +10,15 @@ from walls import coded, smooth_image, wall
 
 from texfcodec.api import decode, encode
 from texfcodec.errors import InputError
+from texfcodec.field.texels import TexelSupport
 from texfcodec.io.load import load
-from texfcodec.io.save import save
+from texfcodec.io.save import as_glb, save
 from texfcodec.options import EncodeOptions
 from texfcodec.render.camera import perspective_around
 from texfcodec.render.shade import render_scene, render_texf
 from texfcodec.scene.scene import ALPHA_MASK, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, Material, Texture
+
+CONFORMANCE = Path(__file__).parents[2] / "conformance"
 
 # Scenes
 
@@ -256,6 +260,13 @@ def test_voxels_are_refused_where_there_are_none_and_named_where_some_are_missin
     assert raised.value.code == "TXF-O13" and list(tmp_path.iterdir()) == []
     report = save(coded(mixed(smooth_image())), tmp_path / f"b.{suffix}", "voxels")
     assert "72 of 74 faces" in " ".join(report["warnings"])
+
+
+def test_maps_at_their_own_texels_are_what_a_query_there_returns(monkeypatch):
+    texf = decode((CONFORMANCE / "subset/maps_texels/in.texf").read_bytes())
+    gathered = as_glb(texf)[0]
+    monkeypatch.setattr(TexelSupport, "has_centres", lambda *_: False)
+    assert as_glb(texf)[0] == gathered
 
 
 def test_npz_holds_uvs_texels_and_images(tmp_path):

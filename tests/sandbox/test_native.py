@@ -164,15 +164,16 @@ def test_two_at_once_do_not_disturb_each_other():
 
 
 @built
-def test_a_first_decode_to_arrays_neither_compiles_nor_imports_numba(tmp_path):
+@pytest.mark.parametrize(("vector", "out"), [("texels", "out.npz"), ("maps_texels", "out.glb")])
+def test_a_first_decode_neither_compiles_nor_imports_numba(tmp_path, vector, out):
     program = ("import sys\nfrom texfcodec.cli import dec\ntry:\n    dec.main(sys.argv[1:])\n"
                "finally:\n    print('numba' in sys.modules)")
     cache = tmp_path / "cache"
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
-    run = subprocess.run([sys.executable, "-c", program, VECTORS / "subset/texels/in.texf", tmp_path / "out.npz", "--quiet"],
+    run = subprocess.run([sys.executable, "-c", program, VECTORS / "subset" / vector / "in.texf", tmp_path / out, "--quiet"],
                          env=environment, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stdout) == (0, "False\n"), run.stderr
-    assert not list(cache.rglob("*.nbc")) and (tmp_path / "out.npz").exists()
+    assert not list(cache.rglob("*.nbc")) and (tmp_path / out).exists()
 
 
 def test_version_names_the_engine(monkeypatch, tmp_path):

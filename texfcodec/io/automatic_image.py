@@ -20,7 +20,9 @@ _SHARES = (0.3, 0.25, 0.2, 0.175, 0.15, 0.125, 0.1, 0.0)  # of the step, that ar
 LEAST_STEP = 4.0  # below it the rounding of JPEG's own colour transform is too much
 _TILE, _TILES = 64, 64  # texels a side of what is looked at, and how many of these
 _FEW = 4  # every so manyth row and column of the tiles is looked at first: Pillow takes seconds for a picture of many colours
-_THIN, _CLOSE = 8, 1.25  # every so manyth of a whole picture, and times the error that is allowed: beyond it the whole is not tried
+# Of every so manyth row and column of a whole picture, and so many times the error that is allowed: beyond it the whole, for
+# which Pillow takes up to 1.4 s, is not tried
+_THIN, _CLOSE = 8, 1.25
 _PALETTES = (256, 128, 64, 32, 16)  # numbers of colours that are tried
 _BANDS, _CLEARLY = 4, 1.5  # every fourth band of tiles tells how large a PNG gets; so many times a JPEG, fewer rows do
 _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)

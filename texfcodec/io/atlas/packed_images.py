@@ -68,8 +68,8 @@ def _thinned(part, packed, columns, rows):
 
 
 def packed_texels(values: dict[str, np.ndarray]) -> np.ndarray:
-    """Return texels of an image that channels share, uint8 [N, 4], each channel in its columns and 255 elsewhere. values: uint8 or
-    float32 [N, C] in 0..255 by channel name of materials; normals are in tangent space."""
+    """Return texels of an image that channels share, uint8 [N, 4], each channel in its columns and 255 elsewhere. values: uint8
+    or float32 [N, C] in 0..255 by channel name of materials; normals are in tangent space."""
     out = np.full((len(next(iter(values.values()))), 4), 255, np.uint8)
     for name, value in values.items():
         channel = channel_over(name, planar=True)

@@ -14,7 +14,7 @@ import numpy as np
 from ....core.kernel import kernel
 from ....field.morton import compact, encode_morton
 from .quantise import MAX_MEAN
-from .rings import COEFFICIENT_FRACTION, _count, _move, _roughness_class
+from .rings import COEFFICIENT_FRACTION, _count, _roughness_class
 
 PLANAR_TAPS = 5  # faces, edges, the texels two away, faces limited, edges limited
 SIDE, BORDER = 8, 2

@@ -36,9 +36,10 @@ i64 isqrt(u64 v) {
 u32 crc32(const void* data, size_t size, u32 before) {
   static const auto table = [] {
     std::array<std::array<u32, 256>, 16> t{};
+    const volatile u32 polynomial = 0xedb88320u;  // volatile: 16 kB that nothing compresses stay out of the module
     for (u32 n = 0; n < 256; n++) {
       u32 c = n;
-      for (int k = 0; k < 8; k++) c = c & 1 ? 0xedb88320u ^ c >> 1 : c >> 1;
+      for (int k = 0; k < 8; k++) c = c & 1 ? polynomial ^ c >> 1 : c >> 1;
       t[0][n] = c;
     }
     for (int k = 1; k < 16; k++)

@@ -4,7 +4,7 @@ import {ALL} from './engine.js';
 
 /** @typedef {import('./engine.js').Asset} Asset */
 
-const HEADER = 8, FIELD = 2, ATTRIBUTE = 4, CRC = 4, BITS = 31; // clause 5: unit_type; bits that stand for one unit each
+const HEADER = 8, FIELD = 2, ATTRIBUTE = 4, CRC = 4, LAST = 31; // clause 5: unit_type; the bit of all units from there on
 const CELLS = 6; // texels or voxels of a field that take about as long as a byte of its payload
 
 /** A number of 7 bits a byte, and where it ends.
@@ -18,14 +18,19 @@ function varint(bytes, at) {
   return [value, at];
 }
 
-/** What decoding each attribute unit of a stream costs, in bytes of payload; what is no stream has none, and the decoder says so.
+/** What decoding the attribute units of each bit costs, in bytes of payload; what is no stream has none, and the decoder says so.
  * @param {Uint8Array} bytes */
 function attributeCosts(bytes) {
-  const costs = [], /** @type {number[]} */ cells = [];
+  const /** @type {number[]} */ costs = [], /** @type {number[]} */ cells = [];
+  let units = 0;
+  const add = (/** @type {number} */ cost) => {
+    const bit = Math.min(units++, LAST);
+    costs[bit] = (costs[bit] ?? 0) + cost;
+  };
   for (let at = HEADER; at < bytes.length;) {
     const type = bytes[at], [length, begin] = varint(bytes, at + 1), [field, next] = varint(bytes, begin);
     if (type === FIELD) [cells[field]] = varint(bytes, next + (bytes[next] === 1 ? 8 : 5)); // num_keys, after support and its costs
-    if (type === ATTRIBUTE) costs.push(length + (cells[field] ?? 0) / 4 ** bytes[next + 2] / CELLS); // level_shift
+    if (type === ATTRIBUTE) add(length + (cells[field] ?? 0) / 4 ** bytes[next + 2] / CELLS); // level_shift
     at = begin + length + CRC;
   }
   return costs;
@@ -42,7 +47,7 @@ function attributeCosts(bytes) {
  */
 export function partsOf(bytes, most, least) {
   const costs = attributeCosts(bytes), sum = costs.reduce((a, b) => a + b, 0);
-  if (most < 2 || costs.length < 2 || costs.length > BITS || sum < least || Math.max(...costs) > 0.8 * sum) return [ALL];
+  if (most < 2 || costs.length < 2 || sum < least || Math.max(...costs) > 0.8 * sum) return [ALL];
   const count = Math.min(most, costs.length, Math.ceil(sum / Math.max(...costs)));
   const parts = Array.from({length: count}, () => ({cost: 0, chosen: 0}));
   for (const i of costs.map((_, n) => n).sort((a, b) => costs[b] - costs[a])) {
@@ -50,7 +55,7 @@ export function partsOf(bytes, most, least) {
     part.cost += costs[i];
     part.chosen |= 1 << i;
   }
-  return parts.map(({chosen}) => chosen).sort((a, b) => b % 2 - a % 2);
+  return parts.map(({chosen}) => chosen).sort((a, b) => (b & 1) - (a & 1));
 }
 
 /** The asset of all parts, from those of each.

@@ -57,6 +57,23 @@ test('a stream is split by its attribute units where that pays', () => {
     assert.deepEqual(whole, [-1]);
 });
 
+test('texels count beside bytes where a stream is split', () => {
+  assert.equal(partsOf(vector('subset/maps_texels'), 2, 900).length, 2); // 865 bytes, and 120 texels in 3 units
+});
+
+test('the module with vectors is fetched where they run, the plain one elsewhere', async () => {
+  const {compile, validate} = WebAssembly, bytes = [];
+  try {
+    WebAssembly.compile = (module) => (bytes.push(Buffer.from(module)), compile(module));
+    await new Decoder().preload();
+    WebAssembly.validate = () => false;
+    await new Decoder().preload();
+  } finally {
+    Object.assign(WebAssembly, {compile, validate});
+  }
+  ['texf_simd.wasm', 'texf.wasm'].forEach((name, i) => assert.ok(bytes[i].equals(readFileSync(new URL(`../src/${name}`, import.meta.url))), name));
+});
+
 test('a coarse asset comes before the whole', async () => {
   const seen = [], decoder = new Decoder({workers: 2});
   const whole = await decoder.decode(vector('subset/k33'), {onLevel: (asset, level) => seen.push([asset.fields[0].keys.length, level]), coarse: 2});

@@ -10,7 +10,8 @@ from tools.release.clean_copy import run
 
 PARTS_BUNDLED = ({
     "type": "library", "bom-ref": "texf.wasm/zig", "name": "zig", "version": "0.17.1",
-    "description": "wasi-libc, libc++ and compiler-rt, compiled into texfcodec/sandbox/texf_simd.wasm; libc++ into the native library",
+    "description": "wasi-libc, libc++ and compiler-rt, compiled into texfcodec/sandbox/texf_simd.wasm; libc++ into the native "
+                   "library",
     "licenses": [{"license": {"id": "MIT"}}],
 }, {
     "type": "library", "bom-ref": "viewer.js/three", "name": "three", "version": "0.187.0",

@@ -16,11 +16,12 @@ def load_pyplot():
     return pyplot
 
 
-def logarithmic(panel):
-    """Make the x axis of a matplotlib panel logarithmic, labelled with plain numbers."""
+def logarithmic(panel, axis="x"):
+    """Make an axis of a matplotlib panel logarithmic, labelled with plain numbers."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    panel.set_xscale("log")
-    panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    panel.xaxis.set_major_formatter("{x:g}")
-    panel.xaxis.set_minor_formatter(NullFormatter())
+    panel.set(**{f"{axis}scale": "log"})
+    ticks = getattr(panel, f"{axis}axis")
+    ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ticks.set_major_formatter("{x:g}")
+    ticks.set_minor_formatter(NullFormatter())

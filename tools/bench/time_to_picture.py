@@ -46,8 +46,9 @@ NOTE = (
     "draws without a graphics card: {graphics}. Nothing of a download is decoded before it is complete.",
     "Pictures are as equal as the points of `tools/bench/ladders.jsonl` allow, in dB of PSNR of Y in daylight (the scan: "
     "unlit): the rival at its largest quality, at most AVIF's 82, that our r03 is not worse than, or at its lowest, and our "
-    "smallest rate that is not worse, or r03. Bytes are those of whole files: GLBs with Draco as texf-dec writes it and the "
-    "images of ladders.py. KTX2 is ETC1S without smaller mip levels, which would be a third more; browsers make none for it.",
+    "smallest rate that is not worse, or r03. Bytes of rivals are those of ladders.py, without a container; what is loaded is "
+    "a GLB of Draco's mesh as texf-dec writes it, without TANGENTs, and the same images. KTX2 is ETC1S without smaller mip "
+    "levels, which would be a third more bytes; browsers make none for it.",
     "**Below the crossover our picture is first**, above it the rival's: *cached*, with decoders in the browser's cache; "
     "*first visit*, with them on the link too (by brotli: ours {ours:.0f} kB, Draco + AVIF {avif6:.0f} kB, Draco + KTX2 "
     "{etc1s:.0f} kB).")
@@ -126,13 +127,14 @@ def add_textures(document: Document, form: ImageFormat, coded: list[bytes], text
 
 def columns_of(scene, positions: np.ndarray, faces: np.ndarray) -> tuple[dict[str, Column], np.ndarray]:
     """Return ({attribute: Column of vertices}, vertex int64 [3 F] of each corner) of some faces, bool [F]."""
-    given = {"POSITION": (positions[scene.faces], "VEC3"), "TEXCOORD_0": (scene.corner_uv, "VEC2"),
-             "NORMAL": (scene.corner_normal, "VEC3"), "TANGENT": (scene.corner_tangent, "VEC4"),
-             "COLOR_0": (scene.corner_color, "VEC4")}
-    flat = {name: (values[faces].reshape(-1, values.shape[2]).astype(np.float32) + np.float32(0), kind)
-            for name, (values, kind) in given.items() if values is not None}
-    first, corners = unique_corners(*(row for values, _ in flat.values() for row in values.view(np.int32).T))
-    return {name: Column(values[first], kind) for name, (values, kind) in flat.items()}, corners
+    given = {"POSITION": positions[scene.faces], "TEXCOORD_0": scene.corner_uv, "NORMAL": scene.corner_normal}
+    flat = {name: values[faces].reshape(-1, values.shape[2]).astype(np.float32) + np.float32(0)
+            for name, values in given.items() if values is not None}
+    if scene.corner_color is not None:
+        flat["COLOR_0"] = np.rint(255 * scene.corner_color[faces, :, :3]).astype(np.uint8).reshape(-1, 3)
+    bits = (values.view(np.int32) if values.dtype == np.float32 else values for values in flat.values())
+    first, corners = unique_corners(*(row for values in bits for row in values.T))
+    return {name: Column(values[first], f"VEC{values.shape[1]}", name == "COLOR_0") for name, values in flat.items()}, corners
 
 
 def make_files(pairs: list[Pair], assets: Path, cache: Path) -> None:
@@ -219,16 +221,17 @@ def draw(pairs: list[Pair], sides: dict[str, Side], path: Path) -> bool:
     """Draw seconds over the link, a panel an asset; return whether matplotlib is there."""
     if (pyplot := load_pyplot()) is None:
         return False
+    pyplot.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": path.stem})
     figure, panels = pyplot.subplots(2, 4, figsize=(13, 6), sharex=True)
-    links = np.geomspace(1, 200, 100)
+    links = np.geomspace(1, 200, 40)
     for panel, name in zip(panels.flat, ASSETS, strict=True):
         for pair in (pair for pair in pairs if pair.asset == name):
             for tool, file in zip(("ours", pair.tool), pair.files, strict=True):
                 dash = "--" if pair.tool == "etc1s" and tool == "ours" else "-"
                 label = f"texfcodec, {pair.ours['point']}" if tool == "ours" else RIVALS[tool][0]
                 panel.plot(links, [sides[file].at(link) for link in links], dash, color=COLOURS[tool], label=label)
-        panel.set_yscale("log")
         logarithmic(panel)
+        logarithmic(panel, "y")
         panel.set_title(name, fontsize=9)
         panel.tick_params(labelsize=8)
         handles = dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
@@ -250,7 +253,9 @@ def main() -> None:
     pairs = pairs_of(rows)
     make_files(pairs, arguments.assets, arguments.cache)
     facts = measure(pairs, arguments.cache)
-    sides = {file: Side((arguments.cache / file).stat().st_size, *(median(times[part]) / 1e3 for part in ("decode", "upload")))
+    sizes = {pair.files[1]: pair.theirs["bytes"] for pair in pairs}
+    sizes |= {file: (arguments.cache / file).stat().st_size for file, _ in (pair.files for pair in pairs)}
+    sides = {file: Side(sizes[file], *(median(times[part]) / 1e3 for part in ("decode", "upload")))
              for file, times in facts["files"].items()}
     picture = f"pictures/{arguments.page.stem}.svg"
     drawn = draw(pairs, sides, arguments.page.parent / picture)

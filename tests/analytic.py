@@ -42,7 +42,7 @@ def decoded(positions, faces, **changes):
                                 support=SimpleNamespace(planar=False, resolution=200, level_shift=0))],
     )  # fmt: skip
     texf.query = lambda points, face_index=None: smooth_colour((points - texf.origin) / (texf.side or 1.0))
-    texf.voxels = lambda: voxel_arrays(texf)
+    texf.voxels = lambda centers=True: voxel_arrays(texf)
     texf.shading_normals = lambda: corner_normals(texf.lattice_positions, texf.faces)
     for name, value in changes.items():
         setattr(texf, name, value)

@@ -69,9 +69,10 @@ def test_nothing_begins_where_no_kernel_is_missing_or_no_processor_idle(monkeypa
     assert missing_stages(monkeypatch, threads, processors, compiled, ["decode", "save"], 0.3) == []
 
 
-@pytest.mark.parametrize("out, appearance, compiles, stages", [
-    ("a.glb", None, False, ["save"]), ("-", "texture", True, ["decode", "save"]), ("a.obj", "vertex", True, ["decode"]),
-    ("a.npz", None, False, []), ("a.PLY", None, True, ["decode"]), ("a.texf", None, True, ["decode"]),
+@pytest.mark.parametrize("out, appearance, compiles, over_voxels, stages", [
+    ("a.glb", None, False, True, ["save"]), ("-", "texture", True, True, ["decode", "save"]), ("a.glb", None, False, False, []),
+    ("a.obj", "vertex", True, True, ["decode"]), ("a.npz", None, False, True, []), ("a.PLY", None, True, True, ["decode"]),
+    ("a.texf", None, True, True, ["decode"]),
 ])
-def test_texf_dec_has_what_it_needs_compiled(out, appearance, compiles, stages):
-    assert list(_stages(out, appearance, compiles)) == stages
+def test_texf_dec_has_what_it_needs_compiled(out, appearance, compiles, over_voxels, stages):
+    assert list(_stages(out, appearance, compiles, lambda: over_voxels)) == stages

@@ -207,7 +207,8 @@ def no_metal(scene: Scene) -> Scene:
         The same Scene.
     """
     for material in scene.materials:
-        if material.parameters.setdefault("metallic", (0.0,)) == (1.0,):  # the file says metal, which is the default
+        absent = (1.0,) if material.maps.get("metallic") == -1 else (0.0,)
+        if material.parameters.setdefault("metallic", absent) == (1.0,):  # the file says metal, which is the default
             del material.parameters["metallic"]
     return scene
 

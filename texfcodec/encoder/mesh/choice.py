@@ -506,6 +506,7 @@ class _Meshes:
                        corner_uv=uvs.get("", scene.corner_uv[rows]),
                        map_uv={name: uvs.get(name, uv[rows]) for name, uv in scene.map_uv.items()},
                        corner_color=None if scene.corner_color is None else scene.corner_color[rows],
+                       corner_map={name: values[rows] for name, values in scene.corner_map.items()},
                        corner_normal=normals, corner_tangent=None)
         if uvs:
             if scene.corner_tangent is not None:

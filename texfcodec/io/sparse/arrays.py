@@ -144,16 +144,18 @@ def _place(xyz, place):
     """(resolution, origin float64 [3], voxel size float64 [3]) of a grid."""
     try:
         resolution = int(place["resolution"]) if "resolution" in place else None
-        size = np.broadcast_to(np.asarray(place.get("voxel_size", 1 / (resolution or 1)), np.float64).reshape(-1), 3)
+        size = np.broadcast_to(np.asarray(place.get("voxel_size", 1 / max(resolution or 1, 1)), np.float64).reshape(-1), 3)
         origin = np.broadcast_to(np.asarray(place.get("origin", -0.5), np.float64).reshape(-1), 3)
     except (TypeError, ValueError, ArithmeticError) as error:
         raise InputError("TXF-I44", "the place of the voxels is not a resolution, an origin and a voxel size",
                          reason=str(error)[:120]) from error
+    if resolution is not None and not 0 < resolution <= MOST_SIDE:
+        raise InputError("TXF-I44", "the resolution of the voxels is out of range", value=resolution, allowed=f"1..{MOST_SIDE}")
     if resolution is None and ("voxel_size" not in place or "origin" not in place):
         raise InputError("TXF-I44", "the place of the voxels is unknown: 'resolution', or 'origin' and 'voxel_size'")
-    if not (np.isfinite(origin).all() and np.isfinite(size).all() and (size > 0).all()) or not 0 < (resolution or 1) <= MOST_SIDE:
-        raise InputError("TXF-I44", "the resolution, origin or size of the voxels is out of range",
-                         value=str((resolution, origin.tolist(), size.tolist()))[:120], allowed=f"1..{MOST_SIDE}")
+    if not (np.isfinite(origin).all() and np.isfinite(size).all() and (size > 0).all()):
+        raise InputError("TXF-I44", "the origin or size of the voxels is out of range",
+                         value=str((origin.tolist(), size.tolist()))[:120])
     return resolution or MOST_SIDE, origin, size
 
 

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.kernel import kernel
 from ...errors import InputError
+from ...geometry.edges import shared_edges
 from .sampler import MOST_SIDE
 
 if TYPE_CHECKING:
@@ -63,7 +65,48 @@ def dual_surface(xyz: np.ndarray, dual: np.ndarray, crossed: np.ndarray) -> tupl
     quads = quads[(quads >= 0).all(axis=1)]
     if not len(quads):
         raise InputError("TXF-I43", "the dual grid has no face")
-    return vertices, _triangles(vertices, quads)
+    return vertices, oriented(vertices, _triangles(vertices, quads))
+
+
+def oriented(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return faces int64 [F, 3] turned so that neighbours agree and each component, joined by edges of two faces, encloses a
+    volume that is not negative. vertices: float64 [V, 3]."""
+    edges = shared_edges(faces)
+    first = np.flatnonzero(np.r_[True, edges.edge[1:] != edges.edge[:-1]]) if len(edges) else np.zeros(0, np.int64)
+    pair = first[np.diff(np.append(first, len(edges.edge))) == 2]
+    a, b = edges.half[pair], edges.half[pair + 1]
+    across = np.full(3 * len(faces), -1, np.int64)
+    across[a], across[b] = b, a
+    turned, component = np.full(len(faces), -1, np.int8), np.zeros(len(faces), np.int64)
+    _spread_turns(faces, across, turned, component)
+    out = np.where(turned[:, None] == 1, faces[:, [0, 2, 1]], faces)
+    p, q, r = ((vertices - vertices.mean(axis=0))[out[:, corner]] for corner in range(3))
+    volume = np.bincount(component, (p * np.cross(q, r)).sum(axis=1))
+    return np.where(volume[component][:, None] < 0, out[:, [0, 2, 1]], out)
+
+
+@kernel(allocates=True)
+def _spread_turns(faces, across, turned, component):
+    """Write to turned int8 [F] whether a face has to be turned to agree with the first of its component, and to component int64
+    [F] its number. across: int64 [3 F], side beyond that from corner i of face f, 3 f + i, or -1."""
+    waiting, number = np.empty(faces.shape[0], np.int64), np.int64(0)
+    for start in range(faces.shape[0]):
+        if turned[start] >= 0:
+            continue
+        waiting[0], count, turned[start], component[start] = start, 1, 0, number
+        while count > 0:
+            count -= 1
+            face = waiting[count]
+            for i in range(3):
+                other = across[3 * face + i]
+                if other < 0 or turned[other // 3] >= 0:
+                    continue
+                same = faces[face, i] == faces[other // 3, other % 3]
+                turned[other // 3] = 1 - turned[face] if same else turned[face]
+                component[other // 3] = number
+                waiting[count] = other // 3
+                count += 1
+        number += 1
 
 
 def _ranks(xyz, sought):

@@ -152,6 +152,11 @@ class MeshChoice:
             return "an error bound was requested"
         return "colours take no bytes, so there is no trade-off with geometry" if not self.most_moved else ""
 
+    @property
+    def is_direct(self) -> bool:
+        """Whether a mesh is taken by prediction: at effort "fast", for many faces without an image, as generators give them."""
+        return self.request.effort == "fast" and not self.scene.textures and len(self.usual.faces) >= LARGE
+
     @cached_property
     def pictures(self) -> PictureComparison:
         """Pictures of the source, and of it on other surfaces."""
@@ -165,7 +170,7 @@ class MeshChoice:
 
     def finer(self) -> SourceSurface:
         """Return the source at the position bits, from the usual ones on, that cost least."""
-        if self.evidence["reason"]:
+        if self.evidence["reason"] or self.is_direct:
             return self.usual
         usual, error, best = self.usual.cube.position_bits, self.picture_error(self.usual).error, self.usual
         if self.price.cost(LEAST_A_BIT * _count_used(self.usual), error / MOST_A_BIT) >= self.price.cost(0, error):
@@ -205,6 +210,8 @@ class MeshChoice:
                                                                                               "bytes"})
         meshes = self._meshes(surface, group, bool(plans))
         search = _Search(self, meshes, plans)
+        if self.is_direct:
+            return search.predicted()
         best = search.best(step)
         sent = replace(meshes.trial(*best.place).sent, saved=search.at_usual.cost - best.cost)
         return Decision(sent, search.evidence(best, sent.surface))
@@ -288,6 +295,20 @@ class _Search:
                 break
             self._candidate(*place)
         return self._least()
+
+    def predicted(self) -> Decision[SentMesh]:
+        """Return the mesh of least predicted cost, of fewer faces than the source's; the source's if none is predicted to cost
+        less than the one trial, of its faces at REFERENCE_BITS. The check of the stream is what measures the mesh."""
+        self.meshes.begin()
+        first = self.tried[0, REFERENCE_BITS] = self._measured((0, REFERENCE_BITS))
+        reckoned = self._reckoned(first) if first.faces else {}
+        place = min(reckoned, key=lambda place: self._promise(reckoned, place), default=(0, 0))
+        if not place[0] or self._promise(reckoned, place) >= np.inf:
+            return Decision(kept(self.choice.scene, self.meshes.usual), {"reason": "no smaller mesh is predicted to cost less"})
+        sent = self.meshes.unmeasured(*place)
+        evidence = {"reason": "lowest predicted cost in bytes and picture error", "position_bits": place[1],
+                    "faces": [len(self.meshes.usual.faces), len(sent.surface.faces)], "tried": [first.row()]}
+        return Decision(sent, evidence)
 
     def _least(self):
         allowed = (candidate for candidate in self.tried.values() if not candidate.refused)
@@ -427,17 +448,28 @@ class _Meshes:
         if (place, bits) == (0, self.usual.cube.position_bits):
             moved, face = self.choice.picture_error(self.usual), LatticeFaces(np.arange(len(self.usual.faces)))
             return _MeshTrial(kept(self.scene, self.usual), face, moved)
+        sent, face, fetched = self._placed(place, bits)
+        if sent is None:
+            return _MeshTrial(None, face, PictureError(NOTHING, 1.0, 1.0))
+        return _MeshTrial(sent, face, self._moved.get((place, bits), lambda: self._moved_by(sent, fetched)))
+
+    def unmeasured(self, place: int, bits: int) -> SentMesh:
+        """Return the mesh with a share of the faces at some position bits, without pictures of it."""
+        sent, *_ = self._placed(place, bits)
+        return sent if sent is not None else kept(self.scene, self.usual)
+
+    def _placed(self, place, bits):
+        """Return (SentMesh, None if no face has area; face of the usual surface that each face comes from; FetchedNormals)."""
         fit = self._fits.get(place, lambda: self._new_fit(place))
         cube = replace(self.usual.cube, position_bits=bits)
         surface = place_mesh(cube, joint_lattice(fit.fit, cube), fit.fit.mesh.faces, self.usual.material[fit.face])
         if not face_areas(surface.lattice, surface.faces).any():
-            return _MeshTrial(None, fit.face, PictureError(NOTHING, 1.0, 1.0))
+            return None, fit.face, None
         face, there = LatticeFaces(fit.face[surface.origin_face]), {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
         del fit  # pictures of a large mesh need its room
         mesh, threads = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.choice.price.threads
         fetched = FetchedNormals(self.source, lambda: self._points, mesh, threads)
-        sent = self._sent(surface, face, place > 0, there, fetched)
-        return _MeshTrial(sent, face, self._moved.get((place, bits), lambda: self._moved_by(sent, fetched)))
+        return self._sent(surface, face, place > 0, there, fetched), face, fetched
 
     def _moved_by(self, sent: SentMesh, fetched: FetchedNormals) -> PictureError:
         """Return the PictureError of another mesh. fetched: FetchedNormals there."""

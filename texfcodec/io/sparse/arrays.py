@@ -46,7 +46,7 @@ def read_arrays(arrays: Mapping[str, Any], notes: Notes) -> Scene:
     """
     rest = dict(arrays)
     positions, faces = _surface(rest)
-    place = {name: rest.pop(name) for name in PLACE if name in rest}
+    place = {name: as_array(rest.pop(name), name) for name in PLACE if name in rest}
     xyz, function = _first(rest, VOXELS), rest.pop("values", None)
     named = {name: as_array(values, name) for name, values in rest.items()}
     if function is not None and (xyz is not None or not callable(function)):
@@ -116,7 +116,7 @@ def read_voxels(xyz: np.ndarray, named: Mapping[str, np.ndarray], place: Mapping
     values = channel_values(named, len(xyz), notes, "voxels")
     if not values:
         raise InputError("TXF-I44", "the voxels have no values of a known channel", value=str(sorted(named))[:120])
-    resolution, origin, size = _place(xyz, place)
+    resolution, origin, size = grid_place(place)
     bad = ((xyz < 0) | (xyz >= min(resolution, MOST_SIDE))).any(axis=1)
     if bad.any():
         notes.fault("TXF-I44", plural(int(bad.sum()), "voxel is", "voxels are") + " outside the cube and left out",
@@ -140,13 +140,14 @@ def _repeats(xyz):
     return bool((key[1:] == key[:-1]).any())
 
 
-def _place(xyz, place):
-    """(resolution, origin float64 [3], voxel size float64 [3]) of a grid."""
+def grid_place(place: Mapping[str, Any]) -> tuple[int, np.ndarray, np.ndarray]:
+    """Return (resolution, origin float64 [3], voxel size float64 [3]) of a grid. place: those of PLACE that are given. Raises
+    InputError TXF-I44."""
     try:
         resolution = int(place["resolution"]) if "resolution" in place else None
         size = np.broadcast_to(np.asarray(place.get("voxel_size", 1 / max(resolution or 1, 1)), np.float64).reshape(-1), 3)
         origin = np.broadcast_to(np.asarray(place.get("origin", -0.5), np.float64).reshape(-1), 3)
-    except (TypeError, ValueError, ArithmeticError) as error:
+    except (TypeError, ValueError, ArithmeticError, RuntimeWarning) as error:
         raise InputError("TXF-I44", "the place of the voxels is not a resolution, an origin and a voxel size",
                          reason=str(error)[:120]) from error
     if resolution is not None and not 0 < resolution <= MOST_SIDE:

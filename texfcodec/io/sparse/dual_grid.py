@@ -11,6 +11,7 @@ import numpy as np
 from ...core.kernel import kernel
 from ...errors import InputError
 from ...geometry.edges import shared_edges
+from .arrays import PLACE, VOXELS, grid_place
 from .sampler import MOST_SIDE
 
 if TYPE_CHECKING:
@@ -25,20 +26,21 @@ def with_surface(arrays: Mapping[str, Any], notes: Notes) -> dict[str, Any]:
     """Return named arrays with the vertices and faces that their dual grid stands for, if they have one and no surface."""
     out = dict(arrays)
     dual, crossed = out.pop(DUAL, None), out.pop(CROSSED, None)
-    voxels = next((np.asarray(out[name]) for name in ("voxels", "coord", "coords") if name in out), None)
-    if voxels is None or "resolution" not in out and not {"origin", "voxel_size"} <= out.keys() and voxels.size:
-        out |= {} if voxels is None else _guessed_place(voxels, notes)
-    if dual is None or crossed is None or voxels is None or "vertices" in out:
+    voxels = next((np.asarray(out[name]) for name in VOXELS if name in out), None)
+    if voxels is None:
         return out
-    size = np.broadcast_to(np.asarray(out.get("voxel_size", 1 / int(out.get("resolution", 1))), np.float64).reshape(-1), 3)
-    origin = np.broadcast_to(np.asarray(out.get("origin", -0.5), np.float64).reshape(-1), 3)
+    if "resolution" not in out and not {"origin", "voxel_size"} <= out.keys():
+        out |= _guessed_place(voxels, notes)
+    if dual is None or crossed is None or "vertices" in out:
+        return out
+    _, origin, size = grid_place({name: out[name] for name in PLACE if name in out})
     vertices, faces = dual_surface(voxels, np.asarray(dual), np.asarray(crossed))
     return out | {"vertices": vertices * size + origin, "faces": faces}
 
 
 def _guessed_place(voxels, notes):
     """The resolution of a cube that holds the voxels: the power of two above them."""
-    if voxels.ndim != 2 or voxels.dtype.kind not in "iu":
+    if voxels.ndim != 2 or voxels.dtype.kind not in "iu" or not voxels.size:
         return {}
     resolution = 1 << int(np.clip(voxels.max(), 1, MOST_SIDE - 1)).bit_length()
     notes.remark(f"the voxels come without a resolution; {resolution} is taken, for a cube from -0.5 to 0.5")
@@ -50,7 +52,9 @@ def dual_surface(xyz: np.ndarray, dual: np.ndarray, crossed: np.ndarray) -> tupl
     the voxel, 0..1 or uint8; crossed: bool [N, 3], or [N] or [N, 1] with a bit for each axis. Quads are cut along the diagonal
     across which they bend less. Raises InputError TXF-I44."""
     count = len(xyz)
-    crossed = crossed.reshape(count, -1) if crossed.size == count or crossed.size == 3 * count else crossed
+    crossed = crossed.reshape(count, -1) if count and crossed.size in (count, 3 * count) else crossed
+    if xyz.dtype.kind not in "iu" or dual.dtype.kind not in "fiu" or crossed.dtype.kind not in "iub":
+        raise InputError("TXF-I44", "the dual grid's arrays are not numbers", value=f"{xyz.dtype} {dual.dtype} {crossed.dtype}")
     if xyz.ndim != 2 or xyz.shape != (count, 3) or dual.shape != (count, 3) or crossed.shape not in ((count, 1), (count, 3)):
         raise InputError("TXF-I44", "the dual grid's arrays do not fit the voxels", value=f"{dual.shape}, {crossed.shape}"[:60],
                          allowed=f"({count}, 3), ({count}, 1)")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import InputError, LimitError
+from ...errors import InputError, LimitError, TexfError
 from .arrays import read_arrays
 from .dual_grid import with_surface
 
@@ -39,7 +39,9 @@ def npz_arrays(data: bytes) -> dict[str, np.ndarray]:
                                  allowed=MOST_BYTES)
             return {member.filename.removesuffix(".npy"): _array(archive, member) for member in members
                     if member.filename.endswith(".npy")}
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, EOFError, OSError, ValueError, NotImplementedError, RuntimeError) as error:
+    except TexfError:
+        raise
+    except Exception as error:  # of zipfile, its decompressors, and numpy's parser of headers
         raise InputError("TXF-I42", "the archive of arrays is broken", reason=f"{type(error).__name__}: {error}"[:200]) from error
 
 

@@ -11,6 +11,8 @@ from voxel_files import RADIUS, bent, shell, write_vxz
 
 import texfcodec
 from texfcodec.errors import InputError, LimitError
+from texfcodec.geometry.mesh import Mesh
+from texfcodec.geometry.nearest_points import NearestPoints
 from texfcodec.io.load import load
 from texfcodec.io.parts import Notes
 from texfcodec.io.sparse.dual_grid import dual_surface
@@ -101,14 +103,19 @@ def test_the_dual_grid_of_a_sphere_is_closed_and_faces_outwards():
     assert abs(mesh.volume / (4 / 3 * np.pi * RADIUS**3) - 1) < 0.02
 
 
-def test_voxels_become_fields_without_a_texture_between():
+def test_voxels_become_fields_without_a_texture_and_come_back_at_vertices(tmp_path):
     scene = load(write_vxz(shell(8)))
     assert scene.materials[0].maps == {"metallic": -1, "roughness": -1} and not scene.textures and not scene.warnings
     assert any("voxel of its own" in remark for remark in scene.remarks)
-    texf = texfcodec.decode(texfcodec.encode(scene, {"rate": "r04", "effort": "fast"}))
-    point = scene.positions[:50]
-    expected = np.linalg.norm(point, axis=1)
-    assert {"metallic", "roughness"} <= texf.fields[0].planes.keys() and np.abs(expected - RADIUS).max() < 0.05
+    texf = texfcodec.decode(texfcodec.encode(scene, {"rate": "r04", "effort": "fast", "keep_mesh": True}))
+    texf.save(tmp_path / "a.glb", appearance="vertex")
+    back = load(tmp_path / "a.glb")
+    nearest = NearestPoints(Mesh(back.positions, back.faces)).find(scene.positions)
+    for name in ("metallic", "roughness"):
+        corners = np.einsum("nk,nkc->nc", nearest.bary, back.corner_map[name][nearest.face])[:, 0]
+        at_vertices = np.zeros(len(scene.positions))
+        at_vertices[scene.faces] = scene.corner_map[name][..., 0]
+        assert np.sqrt(np.square(corners - at_vertices).mean()) < 0.06
 
 
 def test_values_are_interpolated_between_present_voxels_alone():

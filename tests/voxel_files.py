@@ -43,8 +43,8 @@ def write_vxz(arrays, chunk=8, method="deflate", filtered="none", interleave="as
         code = sum(((xyz[:, axis] >> bit) & 1) << (3 * bit + 2 - axis) for axis in range(3) for bit in range(depth))
         order = np.argsort(code)
         code, xyz, values = code[order], xyz[order], joined[rows][order]
-        values = {"none": lambda v: v, "parent": lambda v: along_octree(code, depth, v),
-                  "neighbor": lambda v: from_neighbours(xyz, v)}[filtered](values)
+        if filtered != "none":
+            values = along_octree(code, depth, values) if filtered == "parent" else from_neighbours(xyz, values)
         entry, chunk_bytes = {"idx": place.tolist()}, b""
         for name, part in (("svo", octree(code, depth)), *blocks(values, header["attr"], interleave)):
             packed = compressed(part.tobytes(), method)

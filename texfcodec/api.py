@@ -33,8 +33,8 @@ def encode(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | None = None,
     mesh : str, PathLike, bytes, file object, trimesh.Trimesh, trimesh.Scene, Scene or dict
         A path; the bytes of a mesh file, or a file object open for reading bytes; or a mesh in memory, of which a dict holds
         arrays by name: a surface with voxels, with a function of points, or with values at vertices
-        (docs/guide/generated_mesh.md). The format of a file object is that of its name's suffix, if it has one. Else, and for bytes, the first bytes decide (GLB, glTF, PLY, STL, OFF,
-        3MF, COLLADA).
+        (docs/guide/generated_mesh.md). The format of a file object is that of its name's suffix, if it has one. Else, and for
+        bytes, the first bytes decide (GLB, glTF, PLY, STL, OFF, 3MF, COLLADA).
     options : EncodeOptions or dict, optional
         Rate and all other settings; a dict holds fields of EncodeOptions by name.
     report : Report, optional

@@ -28,7 +28,8 @@ def load(source: object, strict: bool = False, limits: Limits | None = None) -> 
     ----------
     source : str, PathLike, bytes-like, file object, trimesh.Trimesh, trimesh.Scene, Scene or dict
         A path of a file in one of formats.FORMATS; the bytes of such a file, or a file object open for reading them; or a mesh in
-        memory; or arrays by name, as sparse.arrays.read_arrays() takes them. The suffix of a file object's name gives its format; without a known suffix the first bytes do.
+        memory; or arrays by name, as sparse.arrays.read_arrays() takes them. The suffix of a file object's name gives its format;
+        without a known suffix the first bytes do.
     strict : bool
         Whether missing textures, broken images and broken UVs are errors instead of warnings.
     limits : Limits, optional

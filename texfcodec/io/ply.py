@@ -256,7 +256,8 @@ def _drop_rest(vertex, face, parts, header, notes):
     if not has_uv and header.textures:
         notes.lose(f"texture '{header.textures[0][:160]}' (no texture coordinates)",
                    "the file names a texture but has no texture coordinates; UV (0, 0) is used")
-    read = {*_map_names(vertex), *_EMISSIVE, *"xyz", *_LISTS, "texnumber", *_NORMALS, *_WEDGES, *(name for names in _UV_NAMES for name in names)}
+    read = {*_map_names(vertex), *_EMISSIVE, *"xyz", *_LISTS, "texnumber", *_NORMALS, *_WEDGES,
+            *(name for names in _UV_NAMES for name in names)}
     for table, kind in ((vertex, "vertex"), (face, "face")):
         known = {*read, *_color_names(table), *(_CORNER_COLORS if kind == "face" else ())}
         for name in table:

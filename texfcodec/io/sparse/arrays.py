@@ -94,7 +94,8 @@ def _surface(rest):
     if points is None or faces is None:
         raise InputError("TXF-I43", "there is no surface: 'vertices' or 'faces' is missing", value=str(sorted(rest))[:120])
     points, faces = as_array(points, "vertices"), as_array(faces, "faces")
-    if points.ndim != 2 or points.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] not in (3, 4) or faces.dtype.kind not in "iu":
+    is_mesh = points.ndim == 2 and points.shape[1] == 3 and faces.ndim == 2 and faces.shape[1] in (3, 4)
+    if not is_mesh or faces.dtype.kind not in "iu":
         raise InputError("TXF-I44", "'vertices' is not [V, 3], or 'faces' not integers [F, 3] or [F, 4]",
                          value=f"{points.shape}, {faces.dtype} {faces.shape}"[:80])
     check_face_count(len(faces))

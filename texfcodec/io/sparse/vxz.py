@@ -1,8 +1,8 @@
 """O-Voxel files (.vxz) of TRELLIS.2 -> Scene.
 
 Facts of the format, from its public source: "VXZ", a zero byte, the offset of the binary part as 32 bits big-endian, a JSON text,
-chunks. A chunk is a cube of chunk_size voxels a side; it has an octree, a byte for each node, depth first, a bit for each child in
-the order 4 x + 2 y + z; and 8-bit attributes of its voxels in that order, as one block, a block for each attribute or for each
+chunks. A chunk is a cube of chunk_size voxels a side; it has an octree, a byte for each node, depth first, a bit for each child
+in the order 4 x + 2 y + z; and 8-bit attributes of its voxels in that order, as one block, a block for each attribute or for each
 component. Blocks are compressed each by itself, and may hold differences from a neighbour, or along the octree.
 """
 
@@ -23,7 +23,6 @@ from ..parts import Notes
 from .arrays import read_arrays
 from .dual_grid import with_surface
 from .npz_file import npz_arrays
-from .sampler import MOST_SIDE
 
 if TYPE_CHECKING:
     from ...scene.scene import Scene
@@ -155,7 +154,8 @@ def _zstd(data, most):
     try:
         import zstandard
     except ImportError as error:
-        raise SupportError("TXF-I35", "this .vxz file is compressed with Zstandard, which requires the package zstandard") from error
+        raise SupportError("TXF-I35", "the .vxz file is compressed with Zstandard, which requires the package zstandard"
+                           ) from error
     try:
         return zstandard.ZstdDecompressor().stream_reader(data).read(most)
     except zstandard.ZstdError as error:
@@ -177,8 +177,8 @@ def _unfiltered(method, octree, depth, xyz, attributes):
         return out
     if method == "neighbor":
         if 1 << depth > MOST_DENSE:
-            raise SupportError("TXF-I35", "differences from neighbours are read in chunks of at most 256 voxels a side; write the "
-                               "file with another filter")
+            raise SupportError("TXF-I35", "differences from neighbours are read in chunks of at most 256 voxels a side; write "
+                               "the file with another filter")
         grid = np.full((1 << depth,) * 3, -1, np.int32)
         order = np.lexsort(xyz.T).astype(np.int64)  # by z, y, x
         _add_neighbours(xyz, order, grid, attributes)

@@ -68,6 +68,9 @@ SEVERAL = 0.8  # power of faces that bytes go with
 SHARP, HARD = 60.0, 0.3  # degrees between faces, and difference of the file's normals, from which on an edge is kept as a line
 FEW_TEXELS = 4096  # that are exact where they are of few colours; a grey terrain has few colours, and a million texels
 FEW_POINTS, DISTANCE_POINTS = 5_000, 20_000  # of distances that are guessed with, and that the report has
+# A mesh that is taken directly: trials, its distance from the source over the cube's side where the error that it may add is
+# DIRECT_MOVED (as the search takes for a torus of a million faces at r03), and lattice steps along an edge.
+DIRECT_TRIALS, DIRECT_AWAY, DIRECT_MOVED, STEPS_AN_EDGE = 3, 1.0e-4, 1.92, 32
 NOTHING = 1e9  # the squared error of a mesh of which nothing is left
 
 
@@ -154,7 +157,7 @@ class MeshChoice:
 
     @property
     def is_direct(self) -> bool:
-        """Whether a mesh is taken by prediction: at effort "fast", for many faces without an image, as generators give them."""
+        """Whether a mesh is taken without a search: at effort "fast", for many faces without an image, as generators give them."""
         return self.request.effort == "fast" and not self.scene.textures and len(self.usual.faces) >= LARGE
 
     @cached_property
@@ -211,7 +214,7 @@ class MeshChoice:
         meshes = self._meshes(surface, group, bool(plans))
         search = _Search(self, meshes, plans)
         if self.is_direct:
-            return search.predicted()
+            return search.direct()
         best = search.best(step)
         sent = replace(meshes.trial(*best.place).sent, saved=search.at_usual.cost - best.cost)
         return Decision(sent, search.evidence(best, sent.surface))
@@ -296,19 +299,30 @@ class _Search:
             self._candidate(*place)
         return self._least()
 
-    def predicted(self) -> Decision[SentMesh]:
-        """Return the mesh of least predicted cost, of fewer faces than the source's; the source's if none is predicted to cost
-        less than the one trial, of its faces at REFERENCE_BITS. The check of the stream is what measures the mesh."""
-        self.meshes.begin()
-        first = self.tried[0, REFERENCE_BITS] = self._measured((0, REFERENCE_BITS))
-        reckoned = self._reckoned(first) if first.faces else {}
-        place = min(reckoned, key=lambda place: self._promise(reckoned, place), default=(0, 0))
-        if not place[0] or self._promise(reckoned, place) >= np.inf:
-            return Decision(kept(self.choice.scene, self.meshes.usual), {"reason": "no smaller mesh is predicted to cost less"})
-        sent = self.meshes.unmeasured(*place)
-        evidence = {"reason": "lowest predicted cost in bytes and picture error", "position_bits": place[1],
-                    "faces": [len(self.meshes.usual.faces), len(sent.surface.faces)], "tried": [first.row()]}
-        return Decision(sent, evidence)
+    def direct(self) -> Decision[SentMesh]:
+        """Return the mesh of fewest faces whose distance from the source suits the error of colours, once pictures of the whole
+        agree; else of twice the faces, DIRECT_TRIALS times; else the source's. Its lattice is as fine as its edges need. Small
+        parts are left to the check of the stream: for the sake of a button a million faces would be sent."""
+        meshes, side = self.meshes, self.meshes.usual.cube.side
+        most = DIRECT_AWAY * side * math.sqrt(self.choice.most_moved / DIRECT_MOVED)
+        away = meshes.distances
+        place = max((p for p in range(1, len(away)) if FIT_GAIN * away[p] <= most), default=0)
+        for _ in range(DIRECT_TRIALS):
+            if place <= 0:
+                break
+            bits = math.ceil(math.log2(STEPS_AN_EDGE * side / max(meshes.edge_at(place), 1e-6 * side)))
+            at = place, min(max(bits, COARSEST_POSITIONS), meshes.usual.cube.position_bits)
+            candidate = self.tried[at] = self._measured(at)
+            moved = candidate.moved
+            if moved.mse <= self.choice.most_moved and moved.worst_lost <= MOST_LOST and math.isfinite(candidate.geometry):
+                evidence = {"reason": "the fewest faces that suit the error of colours", "position_bits": candidate.bits,
+                            "faces": [len(meshes.usual.faces), candidate.faces],
+                            "tried": [tried.row() for tried in self.tried.values()]}
+                return Decision(meshes.trial(*at).sent, evidence)
+            meshes.keep_only(at)
+            place -= 2
+        return Decision(kept(self.choice.scene, meshes.usual), {"reason": "no mesh of fewer faces looks the same",
+                                                                "tried": [tried.row() for tried in self.tried.values()]})
 
     def _least(self):
         allowed = (candidate for candidate in self.tried.values() if not candidate.refused)
@@ -448,28 +462,17 @@ class _Meshes:
         if (place, bits) == (0, self.usual.cube.position_bits):
             moved, face = self.choice.picture_error(self.usual), LatticeFaces(np.arange(len(self.usual.faces)))
             return _MeshTrial(kept(self.scene, self.usual), face, moved)
-        sent, face, fetched = self._placed(place, bits)
-        if sent is None:
-            return _MeshTrial(None, face, PictureError(NOTHING, 1.0, 1.0))
-        return _MeshTrial(sent, face, self._moved.get((place, bits), lambda: self._moved_by(sent, fetched)))
-
-    def unmeasured(self, place: int, bits: int) -> SentMesh:
-        """Return the mesh with a share of the faces at some position bits, without pictures of it."""
-        sent, *_ = self._placed(place, bits)
-        return sent if sent is not None else kept(self.scene, self.usual)
-
-    def _placed(self, place, bits):
-        """Return (SentMesh, None if no face has area; face of the usual surface that each face comes from; FetchedNormals)."""
         fit = self._fits.get(place, lambda: self._new_fit(place))
         cube = replace(self.usual.cube, position_bits=bits)
         surface = place_mesh(cube, joint_lattice(fit.fit, cube), fit.fit.mesh.faces, self.usual.material[fit.face])
         if not face_areas(surface.lattice, surface.faces).any():
-            return None, fit.face, None
+            return _MeshTrial(None, fit.face, PictureError(NOTHING, 1.0, 1.0))
         face, there = LatticeFaces(fit.face[surface.origin_face]), {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
         del fit  # pictures of a large mesh need its room
         mesh, threads = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.choice.price.threads
         fetched = FetchedNormals(self.source, lambda: self._points, mesh, threads)
-        return self._sent(surface, face, place > 0, there, fetched), face, fetched
+        sent = self._sent(surface, face, place > 0, there, fetched)
+        return _MeshTrial(sent, face, self._moved.get((place, bits), lambda: self._moved_by(sent, fetched)))
 
     def _moved_by(self, sent: SentMesh, fetched: FetchedNormals) -> PictureError:
         """Return the PictureError of another mesh. fetched: FetchedNormals there."""
@@ -487,20 +490,40 @@ class _Meshes:
         relative to the rounding of REFERENCE_BITS, which leaves all faces."""
         sent = self.trial(0, REFERENCE_BITS).sent
         assert sent is not None
-        cube, meshes = sent.surface.cube, [Mesh(sent.surface.cube.to_world(sent.surface.lattice), sent.surface.faces)]
+        cube = sent.surface.cube
+        rounding, *aways = self._distances_of([Mesh(cube.to_world(sent.surface.lattice), sent.surface.faces), *self._smaller])
+        return [0.0, *(FIT_GAIN * away / max(rounding, 1e-9 * cube.side) for away in aways)]
+
+    @property
+    def distances(self) -> list[float]:
+        """Roots of mean squared distances of the meshes of each share from the source, before they are fitted; 0 for the first,
+        of all faces."""
+        return [0.0, *self._distances_of(self._smaller)]
+
+    def edge_at(self, place: int) -> float:
+        """Return the length of an edge of the mesh of a share, for equilateral faces of its mean area."""
+        area = float(face_areas(self.source.positions, self.source.faces).sum())
+        return math.sqrt(4 / math.sqrt(3) * area / (self.shares[place] * len(self.source.faces)))
+
+    @property
+    def _smaller(self):
+        """Meshes of the shares beyond the first, up to the last that simplification reaches."""
+        meshes = []
         for share in self.shares[1:]:
             mesh = self._simplification.at(round(share * len(self.source.faces))).mesh
             if len(mesh.faces) < FEWEST or len(mesh.faces) > 1.2 * share * len(self.source.faces):
                 break
             meshes.append(mesh)
+        return meshes
+
+    def _distances_of(self, meshes):
         nearest = self._points
 
         def away_of(mesh):
             face, bary = sample_surface(mesh.positions, mesh.faces, FEW_POINTS)
             return float(np.sqrt(np.square(nearest.find(points_at(mesh, face, bary)).distance).mean()))
 
-        rounding, *aways = in_order(away_of, meshes, self.choice.price.threads)
-        return [0.0, *(FIT_GAIN * away / max(rounding, 1e-9 * cube.side) for away in aways)]
+        return list(in_order(away_of, meshes, self.choice.price.threads))
 
     def _new_fit(self, place: int) -> _Fit:
         """Return the _Fit of a share of the faces."""

@@ -49,8 +49,8 @@ def vertex_colours(texf: Texf, with_material: bool) -> tuple[np.ndarray, np.ndar
 
 
 def vertex_maps(texf: Texf, vertex: np.ndarray, index: np.ndarray) -> dict[str, np.ndarray]:
-    """Return further channels of a decoded stream at its split vertices, float32 [U, C] by channel: linear, 0..1, with factors, as
-    io.corner_maps reads them. vertex, index: of vertex_colours()."""
+    """Return further channels of a decoded stream at its split vertices, float32 [U, C] by channel: linear, 0..1, with factors,
+    as io.corner_maps reads them. vertex, index: of vertex_colours()."""
     face = np.empty(len(vertex), np.int64)
     face[index.ravel()] = np.repeat(np.arange(len(index)), 3)
     names = sorted({name for part in texf.fields for name in part.planes} & CORNER_MAPS)

@@ -157,7 +157,7 @@ class MeshChoice:
 
     @property
     def is_direct(self) -> bool:
-        """Whether a mesh is taken without a search: at effort "fast", for many faces without an image, as generators give them."""
+        """Whether a mesh is taken without a search: at effort "fast", for many faces without an image, as of generators."""
         return self.request.effort == "fast" and not self.scene.textures and len(self.usual.faces) >= LARGE
 
     @cached_property
@@ -313,16 +313,21 @@ class _Search:
             bits = math.ceil(math.log2(STEPS_AN_EDGE * side / max(meshes.edge_at(place), 1e-6 * side)))
             at = place, min(max(bits, COARSEST_POSITIONS), meshes.usual.cube.position_bits)
             candidate = self.tried[at] = self._measured(at)
-            moved = candidate.moved
-            if moved.mse <= self.choice.most_moved and moved.worst_lost <= MOST_LOST and math.isfinite(candidate.geometry):
+            sent = meshes.trial(*at).sent
+            if sent is not None and self._suits(candidate):
                 evidence = {"reason": "the fewest faces that suit the error of colours", "position_bits": candidate.bits,
                             "faces": [len(meshes.usual.faces), candidate.faces],
                             "tried": [tried.row() for tried in self.tried.values()]}
-                return Decision(meshes.trial(*at).sent, evidence)
+                return Decision(sent, evidence)
             meshes.keep_only(at)
             place -= 2
         return Decision(kept(self.choice.scene, meshes.usual), {"reason": "no mesh of fewer faces looks the same",
                                                                 "tried": [tried.row() for tried in self.tried.values()]})
+
+    def _suits(self, candidate):
+        """Return whether Draco can hold a mesh whose pictures, taken as a whole, change no more than they may."""
+        is_alike = candidate.moved.mse <= self.choice.most_moved and candidate.moved.worst_lost <= MOST_LOST
+        return is_alike and math.isfinite(candidate.geometry)
 
     def _least(self):
         allowed = (candidate for candidate in self.tried.values() if not candidate.refused)
@@ -421,7 +426,8 @@ class _Meshes:
         self.shares = SHARES[:1] if carries and self.scene.corner_color is not None else SHARES  # texels have vertices' colours
         self._trials: dict[tuple[int, int], _MeshTrial] = {}
         self._moved = Cache()  # PictureErrors by place and bits
-        self._fits = Cache() if len(usual.faces) <= LARGE else NoCache()  # _Fits by place, NearestPoints of the source
+        keeps = len(usual.faces) <= LARGE or choice.is_direct
+        self._fits = Cache() if keeps else NoCache()  # _Fits by place, NearestPoints of the source
         self._simplifying: Callable[[], Simplification] | None = None
 
     def begin(self) -> Callable[[], Simplification]:

@@ -91,7 +91,8 @@ def errors_of(group: Group, plane: np.ndarray, decoded: np.ndarray) -> dict:
 def with_maps(part: SourceField, source: Source, number: int, names: set[str], threads: int) -> SourceField:
     """Return a SourceField over voxels with the values of the maps of its faces. number: of the field in source; names: channels
     of the maps, as materials know them."""
-    planes, done = {}, set()
+    planes: dict[str, np.ndarray] = {}
+    done: set[str] = set()
     for name in sorted(names):
         channel = channel_over(name, planar=False)
         in_field = (source.face_field == number) & source.mapped(channel)

@@ -131,7 +131,7 @@ def read_voxels(xyz: np.ndarray, named: Mapping[str, np.ndarray], place: Mapping
         raise InputError("TXF-I44", "no voxel is inside the cube with values that are numbers", allowed=resolution)
     first = np.sort(np.unique(xyz[kept], axis=0, return_index=True)[1]) if _repeats(xyz[kept]) else slice(None)
     if not isinstance(first, slice):
-        notes.remark(f"{int(kept.sum()) - len(first)} voxels are there twice; the first is read")
+        notes.remark(f"{int(kept.sum()) - len(first)} voxels repeat others and are left out")
     return SparseVoxels(xyz[kept][first], {name: value[kept][first] for name, value in values.items()}, origin, size)
 
 

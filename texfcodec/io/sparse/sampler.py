@@ -36,7 +36,7 @@ def channel_values(named: Mapping[str, Any], count: int, notes: Notes, what: str
         channel = any_channel_named(name)
         array = np.asarray(given)
         if not channel or channel in values:
-            notes.remark(f"array '{name[:60]}' of {what} is left out: it is no channel, or a channel's second one")
+            notes.remark(f"array '{name[:60]}' of {what} is left out: it is not a channel, or its channel is read already")
             continue
         components = BY_NAME[channel].components
         if array.dtype.kind not in "fiub" or array.ndim not in (1, 2) or len(array) != count:

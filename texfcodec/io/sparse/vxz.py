@@ -57,7 +57,7 @@ def vxz_arrays(data: bytes, notes: Notes) -> dict[str, np.ndarray]:
     if limit is not None and total > limit:
         raise LimitError("TXF-I41", "the input has more voxels than the limit allows", value=total, allowed=limit)
     if not names or any(count < 1 for _, count in names) or sum(count for _, count in names) > MOST_COMPONENTS:
-        raise _broken("its attributes are none, or too many", value=str(names)[:80])
+        raise _broken("it has no attribute, or too many", value=str(names)[:80])
     coords, values, left = [], [], total
     for chunk in header["chunks"]:
         xyz, attributes = _chunk(chunk, binary, header, names, left)

@@ -20,8 +20,8 @@ BUDGETS = {
     ("tools/gpu",): 3_100,  # came with fitting, frames and decoding on a GPU, whose page must be made again
     ("conformance",): 8_450,  # target 7,500; 600 are of glTF files with streams and what expands them
     ("tests",): 42_040,  # 460 are of sparse voxels, a writer of .vxz and fuzz targets of both readers;
-    # 55 are of time to picture and of modules, 25 of blocks in Chromium, 150 of the native library, 55 of ladders and vectors made
-    # again;
+    # 55 are of time to picture and of modules, 25 of blocks in Chromium, 150 of the native library,
+    # 55 of ladders and vectors made again;
     # 2,050 are of scenes, 50 of trials that end early; 2,600 came from tools/proof; target 29,000
 }
 

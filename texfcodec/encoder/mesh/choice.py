@@ -303,13 +303,10 @@ class _Search:
         """Return the mesh of fewest faces whose distance from the source suits the error of colours, once pictures of the whole
         agree; else of twice the faces, DIRECT_TRIALS times; else the source's. Its lattice is as fine as its edges need. Small
         parts are left to the check of the stream: for the sake of a button a million faces would be sent."""
-        meshes, side = self.meshes, self.meshes.usual.cube.side
+        meshes, side, away = self.meshes, self.meshes.usual.cube.side, self.meshes.distances
         most = DIRECT_AWAY * side * math.sqrt(self.choice.most_moved / DIRECT_MOVED)
-        away = meshes.distances
         place = max((p for p in range(1, len(away)) if FIT_GAIN * away[p] <= most), default=0)
-        for _ in range(DIRECT_TRIALS):
-            if place <= 0:
-                break
+        while place > 0 and len(self.tried) < DIRECT_TRIALS:
             bits = math.ceil(math.log2(STEPS_AN_EDGE * side / max(meshes.edge_at(place), 1e-6 * side)))
             at = place, min(max(bits, COARSEST_POSITIONS), meshes.usual.cube.position_bits)
             candidate = self.tried[at] = self._measured(at)
@@ -321,8 +318,8 @@ class _Search:
                 return Decision(sent, evidence)
             meshes.keep_only(at)
             place -= 2
-        return Decision(kept(self.choice.scene, meshes.usual), {"reason": "no mesh of fewer faces looks the same",
-                                                                "tried": [tried.row() for tried in self.tried.values()]})
+        rows = [tried.row() for tried in self.tried.values()]
+        return Decision(kept(self.choice.scene, meshes.usual), {"reason": "no mesh of fewer faces looks the same", "tried": rows})
 
     def _suits(self, candidate):
         """Return whether Draco can hold a mesh whose pictures, taken as a whole, change no more than they may."""
@@ -502,8 +499,7 @@ class _Meshes:
 
     @property
     def distances(self) -> list[float]:
-        """Roots of mean squared distances of the meshes of each share from the source, before they are fitted; 0 for the first,
-        of all faces."""
+        """Roots of mean squared distances of the meshes of each share from the source before they are fitted, 0 for the first."""
         return [0.0, *self._distances_of(self._smaller)]
 
     def edge_at(self, place: int) -> float:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .texf import Texf
 
 Stream: TypeAlias = "bytes | bytearray | memoryview | str | PathLike[str] | BinaryIO"
-Mesh: TypeAlias = "Stream | trimesh.Trimesh | trimesh.Scene | Scene"
+Mesh: TypeAlias = "Stream | trimesh.Trimesh | trimesh.Scene | Scene | Mapping[str, Any]"
 
 
 def encode(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | None = None, report: Report | None = None) -> bytes:
@@ -30,10 +30,11 @@ def encode(mesh: Mesh, options: EncodeOptions | Mapping[str, Any] | None = None,
 
     Parameters
     ----------
-    mesh : str, PathLike, bytes, file object, trimesh.Trimesh, trimesh.Scene or Scene
-        A path; the bytes of a mesh file, or a file object open for reading bytes; or a mesh in memory. The format of a file
-        object is that of its name's suffix, if it has one. Else, and for bytes, the first bytes decide (GLB, glTF, PLY, STL, OFF,
-        3MF, COLLADA).
+    mesh : str, PathLike, bytes, file object, trimesh.Trimesh, trimesh.Scene, Scene or dict
+        A path; the bytes of a mesh file, or a file object open for reading bytes; or a mesh in memory, of which a dict holds
+        arrays by name: a surface with voxels, with a function of points, or with values at vertices
+        (docs/guide/generated_mesh.md). The format of a file object is that of its name's suffix, if it has one. Else, and for
+        bytes, the first bytes decide (GLB, glTF, PLY, STL, OFF, 3MF, COLLADA).
     options : EncodeOptions or dict, optional
         Rate and all other settings; a dict holds fields of EncodeOptions by name.
     report : Report, optional

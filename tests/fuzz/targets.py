@@ -13,6 +13,7 @@ from fuzz import codec_targets as codecs
 from fuzz import container_targets as containers
 from fuzz import loader_targets as loaders
 from fuzz import stage_targets as stages
+from fuzz import voxel_targets as voxels
 from texfcodec.errors import InputError, LimitError, StreamError, SupportError, TexfError
 
 FLOORS_FILE = Path(__file__).with_name("floors.json")  # written by run.py --floors alone
@@ -102,6 +103,10 @@ TARGETS = {target.name: target for target in (
     Target("off", loaders.off, ("io/trimesh_files.py#read_off#_check_polygons",), OF_FILES, 60),
     Target("threemf", loaders.threemf, ("io/trimesh_files.py#read_3mf#_survey#_references#_placed_faces",), OF_FILES, 60),
     Target("dae", loaders.dae_file, ("io/dae.py",), OF_FILES, 60),
+    Target("npz", voxels.npz, ("io/sparse/npz_file.py", "io/sparse/arrays.py", "io/sparse/sampler.py#channel_values#_unit"),
+           OF_FILES, 60),
+    Target("vxz", voxels.vxz, ("io/sparse/vxz.py#vxz_arrays#_header#_chunk#_slice#_unpacked#_unfiltered",
+                               "io/sparse/dual_grid.py#with_surface#_guessed_place#dual_surface"), OF_FILES, 60),
     Target("image", loaders.image, (_IMAGES, "io/ktx2.py"), OF_FILES, 60),
     Target("scene", loaders.scene, ("io/trimesh_object.py#check_scene#_check_arrays",), OF_FILES, 60),
 )}

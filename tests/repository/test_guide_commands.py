@@ -5,10 +5,12 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pages
 import pytest
 from batches import write_ball
 from gltf_scenes import spinning
+from voxel_files import shell, write_vxz
 
 # What a command is not run for, and the reason. Every entry stands for at least one command, or a test says so.
 SKIPPED = {
@@ -48,6 +50,8 @@ def folder(tmp_path, monkeypatch, install):
     (tmp_path / "meshes").mkdir()
     write_ball(tmp_path / "meshes")
     (tmp_path / "fan.glb").write_bytes(spinning().glb())
+    (tmp_path / "statue.vxz").write_bytes(write_vxz(shell(8)))
+    np.savez(tmp_path / "statue.npz", **shell(8), resolution=8)
     lines = pages.indented_lines((pages.GUIDE / "catalogue.md").read_text(encoding="utf-8"))
     manifest = lines[lines.index("[options]") : max(i for i, line in enumerate(lines) if line.startswith("options = ")) + 1]
     (tmp_path / "catalogue.toml").write_text("\n".join(manifest))

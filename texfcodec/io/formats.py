@@ -34,6 +34,8 @@ FORMATS = (
     Format(".off", "trimesh_files", "read_off", "TXF-I23", "OFF", text=True),
     Format(".3mf", "trimesh_files", "read_3mf", "TXF-I24", "3MF", (b"PK\x03\x04",), package="lxml"),
     Format(".dae", "dae", "read_dae", "TXF-I24", "COLLADA", package="pycollada"),
+    Format(".npz", "sparse.npz_file", "read_npz", "TXF-I42", "arrays of numpy: a surface with voxels", (b"PK\x03\x04",)),
+    Format(".vxz", "sparse.vxz", "read_vxz", "TXF-I42", "O-Voxel of TRELLIS.2", (b"VXZ",)),
 )
 
 SUFFIXES = tuple(entry.suffix for entry in FORMATS)

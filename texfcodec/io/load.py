@@ -1,7 +1,7 @@
 """Loading: a path or a mesh object becomes a Scene, or one error with a code of findings.py (TXF-I01 to I41)."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -26,9 +26,10 @@ def load(source: object, strict: bool = False, limits: Limits | None = None) -> 
 
     Parameters
     ----------
-    source : str, PathLike, bytes-like, file object, trimesh.Trimesh, trimesh.Scene or Scene
+    source : str, PathLike, bytes-like, file object, trimesh.Trimesh, trimesh.Scene, Scene or dict
         A path of a file in one of formats.FORMATS; the bytes of such a file, or a file object open for reading them; or a mesh in
-        memory. The suffix of a file object's name gives its format; without a known suffix the first bytes do.
+        memory; or arrays by name, as sparse.arrays.read_arrays() takes them. The suffix of a file object's name gives its format;
+        without a known suffix the first bytes do.
     strict : bool
         Whether missing textures, broken images and broken UVs are errors instead of warnings.
     limits : Limits, optional
@@ -60,10 +61,14 @@ def load(source: object, strict: bool = False, limits: Limits | None = None) -> 
 
     if isinstance(source, Scene):
         return check_scene(source)
+    if isinstance(source, Mapping):
+        from .sparse.arrays import read_arrays
+
+        return no_metal(_guarded(lambda: read_arrays(source, notes), "TXF-I44"))
     if is_trimesh(source):
         return no_metal(_guarded(lambda: read_trimesh(source, notes), "TXF-I22"))
-    raise InputError("TXF-I05", "this type cannot be loaded; pass a path, bytes, a binary file object, a trimesh object or a "
-                                "Scene",
+    raise InputError("TXF-I05", "this type cannot be loaded; pass a path, bytes, a binary file object, a trimesh object, a "
+                                "Scene or a dict of arrays",
                      value=type(source).__name__)
 
 
@@ -207,7 +212,8 @@ def no_metal(scene: Scene) -> Scene:
         The same Scene.
     """
     for material in scene.materials:
-        if material.parameters.setdefault("metallic", (0.0,)) == (1.0,):  # the file says metal, which is the default
+        absent = (1.0,) if material.maps.get("metallic") == -1 else (0.0,)
+        if material.parameters.setdefault("metallic", absent) == (1.0,):  # the file says metal, which is the default
             del material.parameters["metallic"]
     return scene
 

@@ -30,6 +30,7 @@ _KINDS = (
     (0, b"PXR-USDC", "a USD file"),
     (0, b"%PDF", "a PDF document"),
     (0, b"\x93NUMPY", "a numpy array"),
+    (0, b"VXZ", "an O-Voxel file (.vxz)"),
     (0, b"ply\n", "a Stanford PLY (.ply)"),
     (0, b"ply\r", "a Stanford PLY (.ply)"),
     (0, b"solid ", "an STL as text (.stl)"),
@@ -67,6 +68,8 @@ def suffix_of(data: bytes) -> str | None:
     """Suffix of the format of data without a name, such as ".glb"; None if the first bytes do not identify it."""
     from .formats import FORMATS
 
+    if data[:4] == b"PK\x03\x04" and data[30 : 30 + int.from_bytes(data[26:28], "little")].endswith(b".npy"):
+        return ".npz"  # 3MF is a ZIP archive, too
     for entry in FORMATS:
         if any(data[: len(start)] == start for start in entry.starts):
             return entry.suffix

@@ -12,6 +12,7 @@ from ..scene.scene import ALPHA_BLEND, ALPHA_OPAQUE, Material, Scene, Texture
 from ..scene.srgb import srgb_to_linear
 from .authored_normals import fill_normals
 from .colour_range import clipped
+from .corner_maps import fill_corner_maps
 from .vertex_pools import VertexPools
 from .visibility import name_invisible
 
@@ -91,7 +92,8 @@ class Part:
     uv: float [V, 2] or [F, 3, 2] in glTF convention, or None; color: float32 linear RGBA [V, 4] or [F, 3, 4], or None;
     label: name in messages; map_uv: as uv, by channel name, for channels with other UVs; normal: float [V, 3] or [F, 3, 3] of any
     length, or None; tangent: float [V, 4] or [F, 3, 4], or None; influences: (joints, weights), each [V, J], of a skin that is
-    not applied yet, or None; rows: int64 [V], index of each vertex in the file, for messages, or None if it is the same.
+    not applied yet, or None; rows: int64 [V], index of each vertex in the file, for messages, or None if it is the same; maps:
+    further channels by name (channels.CORNER_MAPS), float [V, C] or [F, 3, C], linear, 0..1.
     """
 
     positions: np.ndarray
@@ -105,6 +107,7 @@ class Part:
     tangent: np.ndarray | None = None
     influences: tuple[np.ndarray, np.ndarray] | None = None
     rows: np.ndarray | None = None
+    maps: dict = field(default_factory=dict)
 
 
 def drop_alpha(color: np.ndarray | None, notes: Notes) -> None:
@@ -174,6 +177,7 @@ def assemble(parts: list[Part], materials: list[Material], textures: list[Textur
     _fill_map_uv(scene, parts)
     _repair_uv(scene, notes)
     _repair_color(scene, notes)
+    fill_corner_maps(scene, parts, notes)
     fill_normals(scene, parts, notes)
     _report_geometry(scene, unused, broken, notes)
     name_invisible(scene, notes)
@@ -253,7 +257,7 @@ def _at_corners(values, faces):
 
 def _repair_uv(scene, notes):
     """Set UVs without a texture to zero, and broken UVs too, with a fault; far UVs stay, with a warning."""
-    textured = np.array([material.texture >= 0 or bool(material.maps) for material in scene.materials], bool)
+    textured = np.array([max([material.texture, *material.maps.values()]) >= 0 for material in scene.materials], bool)
     for uv in (scene.corner_uv, *scene.map_uv.values()):
         if not textured.all():
             uv[~textured[scene.face_material]] = 0.0

@@ -18,6 +18,7 @@ from ..report import plural
 from ..scene.scene import WRAP_REPEAT, Material, Scene
 from ..scene.srgb import to_bytes
 from .colour_range import unit_colours
+from .corner_maps import alpha_into, channel_named, vertex_maps
 from .file_search import read_file
 from .images import TextureShelf
 from .parts import Notes, Part, assemble, drop_alpha, linear_rgba, no_triangles
@@ -46,6 +47,7 @@ _UNSEEN = re.compile(r"quality|confidence|intensity|value|radius|flags?|curvatur
 _UNSEEN_ELEMENTS = ("camera",)
 _STRIPS = ("tristrips", "tristrip")
 _GRIDS = ("range_grid",)
+_EMISSIVE = ("emissive_red", "emissive_green", "emissive_blue")
 _WRITTEN = ("red", "green", "blue", "alpha")
 
 
@@ -56,16 +58,17 @@ def read_ply(data: bytes, folder: Path, notes: Notes) -> Scene:
     if any(axis not in vertex or isinstance(vertex[axis], tuple) for axis in "xyz"):
         raise InputError("TXF-I21", "the PLY file has no vertices with x, y and z")
     points = np.stack([vertex[axis] for axis in "xyz"], axis=1)
+    maps, alpha = vertex_maps(_named_values(vertex), notes)
     shelf = TextureShelf(notes)
     materials = _materials(header, folder, shelf)
-    uv, color, normal = _uv(vertex), _vertex_color(vertex, notes), _normal(vertex)
+    uv, color, normal = _uv(vertex), alpha_into(_vertex_color(vertex, notes), alpha), _normal(vertex)
     parts = []
     if (lists := _index_list(face)) is not None and len(lists[0]):
-        part = Part(points, lists[0], 0, uv, color, "the PLY file", normal=normal)
+        part = Part(points, lists[0], 0, uv, color, "the PLY file", normal=normal, maps=maps)
         parts.append(_polygons(part, vertex, face, materials, notes))
     strips = _strips(points, tables, header, notes)
     if len(strips):
-        parts.append(Part(points, strips, 0, uv, color, "the PLY file", normal=normal))
+        parts.append(Part(points, strips, 0, uv, color, "the PLY file", normal=normal, maps=maps))
     if not sum(len(part.faces) for part in parts):
         raise no_triangles(_instead(tables))
     for name in tables.keys() - {"vertex", "face", "faces", *_STRIPS, *_GRIDS}:
@@ -186,6 +189,21 @@ def _vertex_color(vertex, notes):
     return linear_rgba(_coded(vertex, names, notes, "colours of vertices")) if names else None
 
 
+def _named_values(vertex):
+    """Properties of vertices that hold a channel, [V, 1] or, of emissive_red and so on, [V, 3], linear."""
+    named = {name: np.asarray(vertex[name])[:, None] for name in _map_names(vertex)}
+    if all(name in vertex for name in _EMISSIVE):
+        coded = unit_colours(np.stack([np.asarray(vertex[name]) for name in _EMISSIVE], axis=1), Notes(), "")
+        named["emissive"] = linear_rgba(coded)[:, :3]
+    return named
+
+
+def _map_names(vertex):
+    """Names of properties that are one channel; alpha beside red, green and blue is of the colour."""
+    return [name for name in vertex if not isinstance(vertex[name], tuple) and channel_named(name)
+            and name not in _color_names(vertex)]
+
+
 def _face_color(face, sizes, corners, row_of, notes):
     """float32 linear RGBA [F, 3, 4] from colours of faces or from a list of corner colours; None without."""
     names = _color_names(face)
@@ -238,7 +256,8 @@ def _drop_rest(vertex, face, parts, header, notes):
     if not has_uv and header.textures:
         notes.lose(f"texture '{header.textures[0][:160]}' (no texture coordinates)",
                    "the file names a texture but has no texture coordinates; UV (0, 0) is used")
-    read = {*"xyz", *_LISTS, "texnumber", *_NORMALS, *_WEDGES, *(name for names in _UV_NAMES for name in names)}
+    read = {*_map_names(vertex), *_EMISSIVE, *"xyz", *_LISTS, "texnumber", *_NORMALS, *_WEDGES,
+            *(name for names in _UV_NAMES for name in names)}
     for table, kind in ((vertex, "vertex"), (face, "face")):
         known = {*read, *_color_names(table), *(_CORNER_COLORS if kind == "face" else ())}
         for name in table:

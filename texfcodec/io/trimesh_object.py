@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..scene.channels import MAP_NAMES, PARAMETER_BY_NAME
+from ..scene.channels import BY_NAME, CORNER_MAPS, MAP_NAMES, PARAMETER_BY_NAME
 from ..scene.scene import ALPHA_NAMES, ALPHA_OPAQUE, WRAP_REPEAT, Material, Scene
+from .corner_maps import alpha_into, channel_named, vertex_maps
 from .images import TextureShelf
 from .parts import Notes, Part, assemble, linear_rgba
 
@@ -28,7 +29,8 @@ def read_trimesh(thing: Any, notes: Notes) -> Scene:
     for label, mesh, matrix in _placed(thing, notes):
         materials.append(_material(mesh, shelf, notes, label))
         parts.append(_part(mesh, matrix, len(materials) - 1, label))
-        for name in (*mesh.vertex_attributes, *mesh.face_attributes):
+        _add_maps(parts[-1], mesh.vertex_attributes, notes, label)
+        for name in mesh.face_attributes:
             notes.remark(f"attribute '{name}' of {label} is left out")
     names = [name for name in getattr(thing, "geometry", {})]
     return assemble(parts, materials, shelf.textures, notes, {"meshes": names} if names else {})
@@ -59,6 +61,20 @@ def _part(mesh, matrix, material, label):
         if values is not None and len(values) != count:
             raise InputError("TXF-I22", f"{label} has attributes of different counts", value=len(values), allowed=count)
     return Part(points, faces, material, uv, color, label)
+
+
+def _add_maps(part, attributes, notes, label):
+    """Fill in the channels among the vertex attributes of a trimesh; the rest is named."""
+    named = {}
+    for name, values in attributes.items():
+        if channel_named(name):
+            named[name] = np.asarray(values).reshape(len(values), -1)
+        else:
+            notes.remark(f"attribute '{name}' of {label} is left out")
+    if any(len(values) != len(part.positions) for values in named.values()):
+        raise InputError("TXF-I22", f"{label} has attributes of different counts")
+    part.maps, alpha = vertex_maps(named, notes)
+    part.color = alpha_into(part.color, alpha)
 
 
 def _uv(mesh):
@@ -112,9 +128,10 @@ def _factor(factor):
     return np.clip(np.append(values, 1.0)[:4], 0.0, 1.0)
 
 
-def _check_maps(material, textures):
+def _check_maps(material, textures, corner_map):
     for name, index in material.maps.items():
-        if name not in MAP_NAMES or not isinstance(index, int | np.integer) or not 0 <= index < textures:
+        least = -1 if name in corner_map else 0
+        if name not in MAP_NAMES or not isinstance(index, int | np.integer) or not least <= index < textures:
             raise InputError("TXF-I22", "a map of a Scene material has an unknown channel or an unknown texture",
                              value=f"{name!s:.40}: {index!s:.40}", material=material.name)
 
@@ -136,7 +153,9 @@ def _check_arrays(scene):
     """Check that the arrays have the kinds of numbers that Scene requires; optional arrays may be None."""
     optional = ("corner_color", "corner_normal", "corner_tangent")
     named = {name: getattr(scene, name) for name in ("positions", "faces", "face_material", "corner_uv", *optional)}
-    for name, values in (*named.items(), *((f"map_uv[{name!s:.40}]", uv) for name, uv in scene.map_uv.items())):
+    tables = {f"{table}[{name!s:.40}]": values for table in ("map_uv", "corner_map")
+              for name, values in getattr(scene, table).items()}
+    for name, values in (named | tables).items():
         kinds = "iu" if name in ("faces", "face_material") else "fiu"
         if values is None and name in optional:
             continue
@@ -165,11 +184,15 @@ def check_scene(scene: Scene) -> Scene:
     if any(not -1 <= material.texture < len(scene.textures) for material in scene.materials):
         raise InputError("TXF-I22", "a material of the Scene refers to a texture that does not exist")
     for material in scene.materials:
-        _check_maps(material, len(scene.textures))
+        _check_maps(material, len(scene.textures), scene.corner_map)
         _check_parameters(material)
     for name, uv in scene.map_uv.items():
         if name not in MAP_NAMES or np.shape(uv) != (count, 3, 2):
             raise InputError("TXF-I22", "Scene.map_uv has an unknown channel or the wrong shape", value=str(name)[:40])
+    for name, values in scene.corner_map.items():
+        if name not in CORNER_MAPS or np.shape(values) != (count, 3, BY_NAME[name].components) or not np.isfinite(values).all():
+            raise InputError("TXF-I22", "Scene.corner_map has an unknown channel, the wrong shape or values that are not finite",
+                             value=str(name)[:40])
     if not all(np.isfinite(values).all() for values in (scene.positions, scene.corner_uv, *scene.map_uv.values())):
         raise InputError("TXF-I14", "positions or UVs of the Scene are NaN or infinite")
     factors = [material.factor for material in scene.materials]

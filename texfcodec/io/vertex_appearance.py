@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..scene.channels import BY_NAME, CORNER_MAPS, PARAMETER_BY_NAME
+from ..scene.factors import linear_values
 from ..scene.srgb import srgb_to_linear
 
 if TYPE_CHECKING:
@@ -44,6 +46,26 @@ def vertex_colours(texf: Texf, with_material: bool) -> tuple[np.ndarray, np.ndar
     if len(first):
         rgba = np.asarray(texf.query(np.ascontiguousarray(texf.positions[vertex]), first // 3), np.float32)
     return vertex, index.reshape(-1, 3), materials[first], rgba
+
+
+def vertex_maps(texf: Texf, vertex: np.ndarray, index: np.ndarray) -> dict[str, np.ndarray]:
+    """Return further channels of a decoded stream at its split vertices, float32 [U, C] by channel: linear, 0..1, with factors,
+    as io.corner_maps reads them. vertex, index: of vertex_colours()."""
+    face = np.empty(len(vertex), np.int64)
+    face[index.ravel()] = np.repeat(np.arange(len(index)), 3)
+    names = sorted({name for part in texf.fields for name in part.planes} & CORNER_MAPS)
+    out = {name: np.ones((len(vertex), BY_NAME[name].components), np.float32) for name in names}
+    for number, part in enumerate(texf.fields):
+        rows, held = np.flatnonzero(texf.face_field[face] == number), [name for name in names if name in part.planes]
+        if len(rows) and held:
+            values = texf.query_planes(number, held, np.ascontiguousarray(texf.positions[vertex[rows]]), face[rows])
+            for name in held:
+                out[name][rows] = linear_values(name, np.asarray(values[name], np.float32))
+    for name, channel in ((name, BY_NAME[name]) for name in names if BY_NAME[name].parameter in PARAMETER_BY_NAME):
+        default = PARAMETER_BY_NAME[channel.parameter].default
+        factors = np.array([material.parameters.get(channel.parameter, default) for material in texf.materials], np.float32)
+        out[name] *= np.clip(factors, 0, 1)[texf.face_material[face]]
+    return out
 
 
 def linear_u16(rgba: np.ndarray) -> np.ndarray:

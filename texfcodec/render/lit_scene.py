@@ -71,7 +71,8 @@ class SceneMaps:
         scene, channel = self.scene, BY_NAME[name]
         image_keys = [(id(t.image), tuple(t.wrap)) for t in scene.textures]  # several textures may be one image
         images = tuple(image_keys[m.maps[name]] if m.maps.get(name, -1) >= 0 else None for m in scene.materials)
-        key = images, id(scene.map_uv.get(name, scene.corner_uv)), channel.columns == (3,), channel.srgb
+        at_corners = name if name in scene.corner_map else ""
+        key = images, id(scene.map_uv.get(name, scene.corner_uv)), channel.columns == (3,), channel.srgb, at_corners
         if key not in self._textures:  # of threads that make one at the same time all take the first: levels are built in it
             self._textures.setdefault(key, Textures(scene, partial(_packed, name=name), self._mips, channel.srgb))
         return self._textures[key]

@@ -202,6 +202,7 @@ COLOURS = (BASE_COLOUR, ALPHA)  # what every material has, its factor in the val
 MAPS = tuple(channel for channel in CHANNELS[2:] if not channel.name.endswith(_OBJECT))  # what a material may have a map of
 MAP_NAMES = frozenset(channel.name for channel in MAPS)
 NORMAL_MAPS = frozenset(channel.name for channel in MAPS if channel.unit == "degrees")
+CORNER_MAPS = MAP_NAMES - NORMAL_MAPS - {"anisotropy"}  # what may be given at face corners; directions need UVs
 
 
 # Channels that share an image in glTF; a component of it that no channel fills is 255

@@ -92,14 +92,21 @@ def pack_map(scene: Scene, name: str, faces: np.ndarray | None = None) -> Packed
     Returns
     -------
     PackedSource
-        For sample_source(). Factors are not applied; values are 255 if a material has no map. The channel's components are in its
-        columns; a component in alpha is in the first column.
+        For sample_source(). Factors are not applied; values are 255 if a material has no map, or those of scene.corner_map. The
+        channel's components are in its columns; a component in alpha is in the first column.
     """
-    count = len(scene.materials)
-    plain = np.ones((count, 4)), np.ones(count, np.uint8), np.zeros((0, 3, 4), np.float32)
-    spread = BY_NAME[name].columns == (3,)
-    return _pack(scene, faces, [m.maps.get(name, -1) for m in scene.materials], scene.map_uv.get(name, scene.corner_uv), plain,
-                 spread)
+    count, columns = len(scene.materials), map_columns(name)
+    colour = np.zeros((0, 3, 4), np.float32)
+    if name in scene.corner_map:
+        values = scene.corner_map[name][_rows(faces)]
+        colour = np.ones((len(values), 3, 4), np.float32)
+        colour[..., columns] = values
+    plain = np.ones((count, 4)), np.ones(count, np.uint8), colour
+    packed = _pack(scene, faces, [m.maps.get(name, -1) for m in scene.materials], scene.map_uv.get(name, scene.corner_uv), plain,
+                   BY_NAME[name].columns == (3,))
+    if not len(colour) or BY_NAME[name].srgb:
+        return packed
+    return packed._replace(to_linear=np.arange(256) / 255, to_srgb=np.arange(CURVE_STEPS + 2) / CURVE_STEPS * 255)
 
 
 def map_columns(name: str) -> list[int]:

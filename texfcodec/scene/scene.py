@@ -51,8 +51,8 @@ class Material:
     texture : int
         Index of the base colour into Scene.textures, or -1.
     maps : dict of str to int
-        The same for other channels that have a map, by name (channels.MAPS); -1 in a decoded material, whose faces have it in
-        their field.
+        The same for other channels that have a map, by name (channels.MAPS); -1 if the values are in Scene.corner_map or, in a
+        decoded material, in the field of the faces.
     parameters : dict
         Those that are not the default, by name (channels.PARAMETERS).
     normals : NormalRule
@@ -104,6 +104,9 @@ class Scene:
         Effect of a squared error of a channel's values on the shaded picture, by name; empty if it was not measured.
     corner_normal : float32 [F, 3, 3] or None
         Shading normals of length 1; None if the file has none.
+    corner_map : dict of str to float32 [F, 3, C]
+        Values at face corners in 0..1, linear, by channel (channels.CORNER_MAPS), for materials whose map of the channel is -1;
+        1 on faces of other materials.
     corner_tangent : float32 [F, 3, 4] or None
         glTF's TANGENT, zero where there is none.
     flat : bool
@@ -127,6 +130,7 @@ class Scene:
     corner_normal: np.ndarray | None = None
     corner_tangent: np.ndarray | None = None
     flat: bool = False
+    corner_map: dict = field(default_factory=dict)
 
     def __repr__(self):
         counts = (plural(len(self.faces), "face", "faces"), plural(len(self.materials), "material", "materials"),

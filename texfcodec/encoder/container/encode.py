@@ -201,7 +201,7 @@ def _is_torn(texf, parts, units):
 def _scene(plan, parts) -> Scene:
     """Return the Scene of a stream: each part with a material of its own."""
     materials = [plan.materials[part.material] for part in parts]
-    placed = [replace(place(part.part, part.place), material=number, color=None) for number, part in enumerate(parts)]
+    placed = [replace(place(part.part, part.place), material=number, color=None, maps={}) for number, part in enumerate(parts)]
     used = sorted({t for material in materials for t in (material.texture, *material.maps.values()) if t >= 0})
     number_of = {old: new for new, old in enumerate(used)} | {-1: -1}
     materials = [replace(material, name=parts[number].part.label, texture=number_of[material.texture],

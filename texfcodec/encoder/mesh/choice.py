@@ -68,6 +68,9 @@ SEVERAL = 0.8  # power of faces that bytes go with
 SHARP, HARD = 60.0, 0.3  # degrees between faces, and difference of the file's normals, from which on an edge is kept as a line
 FEW_TEXELS = 4096  # that are exact where they are of few colours; a grey terrain has few colours, and a million texels
 FEW_POINTS, DISTANCE_POINTS = 5_000, 20_000  # of distances that are guessed with, and that the report has
+# A mesh that is taken directly: trials, its distance from the source over the cube's side where the error that it may add is
+# DIRECT_MOVED (as the search takes for a torus of a million faces at r03), and lattice steps along an edge.
+DIRECT_TRIALS, DIRECT_AWAY, DIRECT_MOVED, STEPS_AN_EDGE = 3, 1.0e-4, 1.92, 32
 NOTHING = 1e9  # the squared error of a mesh of which nothing is left
 
 
@@ -152,6 +155,11 @@ class MeshChoice:
             return "an error bound was requested"
         return "colours take no bytes, so there is no trade-off with geometry" if not self.most_moved else ""
 
+    @property
+    def is_direct(self) -> bool:
+        """Whether a mesh is taken without a search: at effort "fast", for many faces without an image, as of generators."""
+        return self.request.effort == "fast" and not self.scene.textures and len(self.usual.faces) >= LARGE
+
     @cached_property
     def pictures(self) -> PictureComparison:
         """Pictures of the source, and of it on other surfaces."""
@@ -165,7 +173,7 @@ class MeshChoice:
 
     def finer(self) -> SourceSurface:
         """Return the source at the position bits, from the usual ones on, that cost least."""
-        if self.evidence["reason"]:
+        if self.evidence["reason"] or self.is_direct:
             return self.usual
         usual, error, best = self.usual.cube.position_bits, self.picture_error(self.usual).error, self.usual
         if self.price.cost(LEAST_A_BIT * _count_used(self.usual), error / MOST_A_BIT) >= self.price.cost(0, error):
@@ -205,6 +213,8 @@ class MeshChoice:
                                                                                               "bytes"})
         meshes = self._meshes(surface, group, bool(plans))
         search = _Search(self, meshes, plans)
+        if self.is_direct:
+            return search.direct()
         best = search.best(step)
         sent = replace(meshes.trial(*best.place).sent, saved=search.at_usual.cost - best.cost)
         return Decision(sent, search.evidence(best, sent.surface))
@@ -288,6 +298,33 @@ class _Search:
                 break
             self._candidate(*place)
         return self._least()
+
+    def direct(self) -> Decision[SentMesh]:
+        """Return the mesh of fewest faces whose distance from the source suits the error of colours, once pictures of the whole
+        agree; else of twice the faces, DIRECT_TRIALS times; else the source's. Its lattice is as fine as its edges need. Small
+        parts are left to the check of the stream: for the sake of a button a million faces would be sent."""
+        meshes, side, away = self.meshes, self.meshes.usual.cube.side, self.meshes.distances
+        most = DIRECT_AWAY * side * math.sqrt(self.choice.most_moved / DIRECT_MOVED)
+        place = max((p for p in range(1, len(away)) if FIT_GAIN * away[p] <= most), default=0)
+        while place > 0 and len(self.tried) < DIRECT_TRIALS:
+            bits = math.ceil(math.log2(STEPS_AN_EDGE * side / max(meshes.edge_at(place), 1e-6 * side)))
+            at = place, min(max(bits, COARSEST_POSITIONS), meshes.usual.cube.position_bits)
+            candidate = self.tried[at] = self._measured(at)
+            sent = meshes.trial(*at).sent
+            if sent is not None and self._suits(candidate):
+                evidence = {"reason": "the fewest faces that suit the error of colours", "position_bits": candidate.bits,
+                            "faces": [len(meshes.usual.faces), candidate.faces],
+                            "tried": [tried.row() for tried in self.tried.values()]}
+                return Decision(sent, evidence)
+            meshes.keep_only(at)
+            place -= 2
+        rows = [tried.row() for tried in self.tried.values()]
+        return Decision(kept(self.choice.scene, meshes.usual), {"reason": "no mesh of fewer faces looks the same", "tried": rows})
+
+    def _suits(self, candidate):
+        """Return whether Draco can hold a mesh whose pictures, taken as a whole, change no more than they may."""
+        is_alike = candidate.moved.mse <= self.choice.most_moved and candidate.moved.worst_lost <= MOST_LOST
+        return is_alike and math.isfinite(candidate.geometry)
 
     def _least(self):
         allowed = (candidate for candidate in self.tried.values() if not candidate.refused)
@@ -386,7 +423,8 @@ class _Meshes:
         self.shares = SHARES[:1] if carries and self.scene.corner_color is not None else SHARES  # texels have vertices' colours
         self._trials: dict[tuple[int, int], _MeshTrial] = {}
         self._moved = Cache()  # PictureErrors by place and bits
-        self._fits = Cache() if len(usual.faces) <= LARGE else NoCache()  # _Fits by place, NearestPoints of the source
+        keeps = len(usual.faces) <= LARGE or choice.is_direct
+        self._fits = Cache() if keeps else NoCache()  # _Fits by place, NearestPoints of the source
         self._simplifying: Callable[[], Simplification] | None = None
 
     def begin(self) -> Callable[[], Simplification]:
@@ -455,20 +493,39 @@ class _Meshes:
         relative to the rounding of REFERENCE_BITS, which leaves all faces."""
         sent = self.trial(0, REFERENCE_BITS).sent
         assert sent is not None
-        cube, meshes = sent.surface.cube, [Mesh(sent.surface.cube.to_world(sent.surface.lattice), sent.surface.faces)]
+        cube = sent.surface.cube
+        rounding, *aways = self._distances_of([Mesh(cube.to_world(sent.surface.lattice), sent.surface.faces), *self._smaller])
+        return [0.0, *(FIT_GAIN * away / max(rounding, 1e-9 * cube.side) for away in aways)]
+
+    @property
+    def distances(self) -> list[float]:
+        """Roots of mean squared distances of the meshes of each share from the source before they are fitted, 0 for the first."""
+        return [0.0, *self._distances_of(self._smaller)]
+
+    def edge_at(self, place: int) -> float:
+        """Return the length of an edge of the mesh of a share, for equilateral faces of its mean area."""
+        area = float(face_areas(self.source.positions, self.source.faces).sum())
+        return math.sqrt(4 / math.sqrt(3) * area / (self.shares[place] * len(self.source.faces)))
+
+    @property
+    def _smaller(self):
+        """Meshes of the shares beyond the first, up to the last that simplification reaches."""
+        meshes = []
         for share in self.shares[1:]:
             mesh = self._simplification.at(round(share * len(self.source.faces))).mesh
             if len(mesh.faces) < FEWEST or len(mesh.faces) > 1.2 * share * len(self.source.faces):
                 break
             meshes.append(mesh)
+        return meshes
+
+    def _distances_of(self, meshes):
         nearest = self._points
 
         def away_of(mesh):
             face, bary = sample_surface(mesh.positions, mesh.faces, FEW_POINTS)
             return float(np.sqrt(np.square(nearest.find(points_at(mesh, face, bary)).distance).mean()))
 
-        rounding, *aways = in_order(away_of, meshes, self.choice.price.threads)
-        return [0.0, *(FIT_GAIN * away / max(rounding, 1e-9 * cube.side) for away in aways)]
+        return list(in_order(away_of, meshes, self.choice.price.threads))
 
     def _new_fit(self, place: int) -> _Fit:
         """Return the _Fit of a share of the faces."""
@@ -506,6 +563,7 @@ class _Meshes:
                        corner_uv=uvs.get("", scene.corner_uv[rows]),
                        map_uv={name: uvs.get(name, uv[rows]) for name, uv in scene.map_uv.items()},
                        corner_color=None if scene.corner_color is None else scene.corner_color[rows],
+                       corner_map={name: values[rows] for name, values in scene.corner_map.items()},
                        corner_normal=normals, corner_tangent=None)
         if uvs:
             if scene.corner_tangent is not None:

@@ -31,6 +31,8 @@ def prefilter_textures(scene: Scene, surface: Surface, over_voxels: np.ndarray, 
         faces = np.flatnonzero(over_voxels & (surface.material == number))
         area = face_areas(surface.lattice, surface.faces[faces]).sum() * (resolution / (1 << surface.cube.position_bits)) ** 2
         for name, texture in textures_of(scene.materials[number]).items():
+            if texture < 0:  # values at face corners
+                continue
             texels = _texels(scene, name, texture, surface.origin_face[faces])
             finer = float(np.sqrt(texels / max(area, 1e-9))) / FINEST
             times[texture] = min(finer, times.get(texture, np.inf))

@@ -21,6 +21,7 @@ from ...scene.effects import BY_NAME as EFFECT_BY_NAME
 from ...scene.effects import EFFECT_OF, EFFECTS, without
 from ...scene.factors import TOLERANCE, absorb, says_nothing
 from ...scene.scene import ALPHA_OPAQUE, Material, Scene
+from ...scene.srgb import linear_to_srgb
 from ..caches import Cache
 from ..decision import Decision
 
@@ -150,7 +151,10 @@ class _TexelUsage:
     def constant(self, number: int, name: str) -> np.ndarray | None:
         """Return the constant value of a map wherever the surface shows it, float64 [C] in 0..255, or None if it varies. number:
         of the material; name: channel of the map."""
-        texture = self.scene.textures[self.scene.materials[number].maps[name]]
+        place = self.scene.materials[number].maps[name]
+        if place < 0:
+            return _corner_value(self.scene.corner_map[name][self._faces(number)], name)
+        texture = self.scene.textures[place]
         columns = list(BY_NAME[name].columns)
         few = texture.image[:: max(1, texture.image.shape[0] // 64), :: max(1, texture.image.shape[1] // 64), columns]
         whole = _one_value(few.reshape(-1, len(columns)))
@@ -204,8 +208,14 @@ def shown_texels(uv: np.ndarray, texture: Texture, fraction_bits: int = 0) -> np
     return decode_morton(referenced_texels(steps, corners, fraction_bits, (width, height), tuple(texture.wrap)))[:, :2]
 
 
+def _corner_value(values, name):
+    """Return _one_value() of a channel's values at corners, float32 [F, 3, C], as an image would hold them."""
+    coded = linear_to_srgb(values) if BY_NAME[name].srgb else values
+    return _one_value(255 * coded.reshape(-1, coded.shape[2])) if len(values) else None
+
+
 def _one_value(values):
-    """Return the middle of values uint8 [N, C], float64 [C], if none is further off than TOLERANCE; else None."""
+    """Return the middle of values in 0..255 [N, C], float64 [C], if none is further off than TOLERANCE; else None."""
     low, high = values.min(axis=0).astype(np.float64), values.max(axis=0).astype(np.float64)
     return (low + high) / 2 if (high - low).max() <= 2 * TOLERANCE else None
 

@@ -104,8 +104,9 @@ def image_groups(scene: Scene, surface: SourceSurface) -> list[ImageGroup[Lattic
     wrap modes, factor and use of alpha; one group for the faces of a material with vertex colours, these in its texels; and one
     palette for the faces of materials without an image.
 
-    Some faces are in no group: those without any image whose vertices have colours, those that share texels but not colours,
-    those with UVs that are not finite or too far out, and those whose images differ in UVs or wrap modes.
+    Some faces are in no group: those without any image whose vertices have colours, those of maps at face corners, those that
+    share texels but not colours, those with UVs that are not finite or too far out, and those whose images differ in UVs or wrap
+    modes.
     """
     groups: dict[tuple, list[tuple]] = {}
     painted: list[ImageGroup[LatticeFaces] | None] = []
@@ -114,7 +115,7 @@ def image_groups(scene: Scene, surface: SourceSurface) -> list[ImageGroup[Lattic
     for number in np.unique(surface.material):
         material, in_material = scene.materials[number], surface.material == number
         faces, used = np.flatnonzero(plain & in_material), textures_of(material)
-        if not used or not _goes_together(scene, surface, material, np.flatnonzero(in_material)):
+        if not used or min(used.values()) < 0 or not _goes_together(scene, surface, material, np.flatnonzero(in_material)):
             continue
         opaque = material.alpha_mode == ALPHA_OPAQUE
         image = scene.textures[material.texture].image if material.texture >= 0 else None

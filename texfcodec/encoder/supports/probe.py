@@ -113,17 +113,21 @@ class TrialCoding:
 class SampleRegion:
     """The sampled part of a surface: a scene's faces with evenly spread points on them. faces: int64 [F] into surface's; name: of
     the channel, None for base colour and alpha; maps: the regions of further channels by name; weight: of its squared error in
-    that of the picture, by default its share of the surface's area."""
+    that of the picture, by default its share of the surface's area; colours: region of base colour on the same faces."""
 
-    def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, threads: int, name: str | None = None) -> None:
+    def __init__(self, scene: Scene, surface: Surface, faces: np.ndarray, threads: int, name: str | None = None,
+                 colours: SampleRegion | None = None) -> None:
         self.scene, self.surface, self.faces, self.threads, self.name = scene, surface, faces, threads, name
-        self.face, self.bary = sample_surface(surface.lattice.astype(np.float64), surface.faces[faces], POINTS)
+        if colours is None:
+            self.face, self.bary = sample_surface(surface.lattice.astype(np.float64), surface.faces[faces], POINTS)
+        else:
+            self.face, self.bary, self._areas = colours.face, colours.bary, colours._areas
         self.source = self.packed(faces)
         self.colour = sample_source(self.source, self.face, self.bary, threads)
         self.maps: dict[str, SampleRegion] = {}
         if name is None:
             names = {n for m in np.unique(surface.material[faces]) for n in scene.materials[m].maps}
-            self.maps = {n: SampleRegion(scene, surface, faces, threads, n) for n in sorted(names)}
+            self.maps = {n: SampleRegion(scene, surface, faces, threads, n, self) for n in sorted(names)}
         corners = surface.lattice[surface.faces[faces[self.face]]]
         self.points = np.einsum("nc,ncd->nd", self.bary, corners)  # on the lattice
         self.weight = self.area / float(self._areas.sum())

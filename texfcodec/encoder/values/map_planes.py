@@ -91,26 +91,48 @@ def errors_of(group: Group, plane: np.ndarray, decoded: np.ndarray) -> dict:
 def with_maps(part: SourceField, source: Source, number: int, names: set[str], threads: int) -> SourceField:
     """Return a SourceField over voxels with the values of the maps of its faces. number: of the field in source; names: channels
     of the maps, as materials know them."""
-    planes = {}
+    planes: dict[str, np.ndarray] = {}
+    done: set[str] = set()
     for name in sorted(names):
         channel = channel_over(name, planar=False)
         in_field = (source.face_field == number) & source.mapped(channel)
-        if channel.name == name:
-            planes[name] = _transferred(part, source, in_field, name, threads)
-        else:
+        if channel.name != name:
             planes[channel.name] = _deviations(part, source, in_field, channel.name, threads)
+        elif name not in done:
+            together = _same_pass(source, name, names - done, in_field, number)
+            planes |= _transferred(part, source, in_field, together, threads)
+            done |= set(together)
     return part.with_planes(planes)
 
 
-def _transferred(part, source, in_field, name, threads):
-    """Return the mean of a map over the surface in each voxel, float32 [N, C]; voxels that only faces without the map touch
-    continue their neighbours. in_field: bool [F], faces of the field with the map."""
+def _same_pass(source, name, names, in_field, number):
+    """Return the channels, this one first, whose values at face corners one pass can transfer: all linear, of the same faces, in
+    columns of their own."""
+    out, used = [name], set(map_columns(name))
+    if name not in source.scene.corner_map or BY_NAME[name].srgb:
+        return out
+    for other in sorted(names - {name}):
+        if other not in source.scene.corner_map or BY_NAME[other].srgb or used & set(map_columns(other)):
+            continue
+        faces = (source.face_field == number) & source.mapped(BY_NAME[other])
+        corner_alone = all(m.maps.get(n, -1) < 0 for m in source.scene.materials for n in (name, other))
+        if corner_alone and np.array_equal(faces, in_field):
+            out, used = [*out, other], used | set(map_columns(other))
+    return out
+
+
+def _transferred(part, source, in_field, names, threads):
+    """Return the means of maps over the surface in each voxel, float32 [N, C] by channel; voxels that only faces without the maps
+    touch continue their neighbours. in_field: bool [F], faces of the field with the maps; names: of _same_pass()."""
     surface = source.surface
-    packed = pack_map(source.scene, name, surface.origin_face[in_field])
+    packed = pack_map(source.scene, names[0], surface.origin_face[in_field])
+    for name in names[1:]:
+        other = pack_map(source.scene, name, surface.origin_face[in_field]).corner_colour
+        packed.corner_colour[..., map_columns(name)] = other[..., map_columns(name)]
     density = int(np.clip(np.ceil(2 * part.texels_per_edge), SAMPLES_PER_EDGE, 4))
     colour, _ = transfer(surface.lattice, surface.faces[in_field], packed, surface.cube.position_bits, part.support.resolution,
                          part.keys, part.support.brick_map, density, threads)
-    return np.ascontiguousarray(colour[:, map_columns(name)])
+    return {name: np.ascontiguousarray(colour[:, map_columns(name)]) for name in names}
 
 
 def _deviations(part, source, in_field, name, threads):

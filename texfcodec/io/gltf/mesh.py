@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError, SupportError
+from ..corner_maps import alpha_into, channel_named, vertex_maps
 from ..parts import Part
 from ..vertex_pools import VertexPools
 from .accessor import normalized_floats, read_accessor, read_floats
@@ -113,6 +114,9 @@ class MeshReader:
                       self._uv(source, fields.leading, label), self._vertex_color(source, label), label,
                       {name: self._uv(source, info, label) for name, info in fields.others().items()})
         result.rows = source.rows
+        named = {name: source.floats(name, _STORED) for name in self._named_values(primitive)}
+        result.maps, alpha = vertex_maps(named, self.document.notes)
+        result.color = alpha_into(result.color, alpha)
         if source.has("NORMAL"):  # without it, TANGENT says nothing (section 3.7.2.1)
             result.normal = self._morphed(mesh, primitive, source.floats("NORMAL", ("VEC3",)), source, "NORMAL")
             result.tangent = source.floats("TANGENT", ("VEC4",)) if source.has("TANGENT") else None
@@ -175,9 +179,15 @@ class MeshReader:
         color[:, : stored.shape[1]] = stored
         return color
 
+    def _named_values(self, primitive):
+        """Names of attributes that hold a channel, such as _METALLIC."""
+        return [name for name in part(primitive, "attributes") if name.startswith("_") and channel_named(name)]
+
     def _drop_attributes(self, primitive, label, skinned):
-        names = part(primitive, "attributes")
-        for name in names:
+        named = self._named_values(primitive)
+        for name in part(primitive, "attributes"):
+            if name in named:
+                continue
             if name.startswith("TEXCOORD_"):
                 self._found_uv.add(name)
             elif name not in ("POSITION", "COLOR_0", "NORMAL", "TANGENT") and not (skinned and _is_of_skin(name)):

@@ -12,7 +12,7 @@ from ...core.json_text import json_text
 from ...scene.channels import NORMAL_MAPS
 from ...scene.scene import ALPHA_BLEND, ALPHA_NAMES
 from ..precision import local_frame
-from ..vertex_appearance import linear_u16, unique_corners, vertex_colours
+from ..vertex_appearance import linear_u16, unique_corners, vertex_colours, vertex_maps
 from .material import UNLIT, WRAPS, extensions_of, write_material
 from .packing import ARRAY, MESHOPT, Column, Plain
 
@@ -234,14 +234,18 @@ def sampler_of(texture: Texture) -> dict[str, int]:
 
 
 def coloured(texf: Texf, packing: Plain | None = None) -> Document:
-    """Document with COLOR_0 (linear) at vertices. packing: as in textured()."""
+    """Document with COLOR_0 (linear) at vertices and, unless packed, further channels as _METALLIC and so on, which our loader
+    reads. packing: as in textured()."""
     document = Document(texf.metadata)
     if len(texf.faces):
         vertex, index, material, rgba = vertex_colours(texf, with_material=True)
         entries = [write_material(_without_direction(m, document.warnings), {}) for m in texf.materials]
         groups = _Groups(material, texf.face_material, entries, [set()] * len(entries))
-        _add_surface(document, texf, vertex, index, groups, {"COLOR_0": Column(linear_u16(rgba), "VEC4", True)},
-                     packing or Plain())
+        columns = {"COLOR_0": Column(linear_u16(rgba), "VEC4", True)}
+        if packing is None or type(packing) is Plain:  # packed forms hold the attributes that glTF names
+            columns |= {f"_{name.upper()}": Column(values, "SCALAR" if values.shape[1] == 1 else "VEC3")
+                        for name, values in vertex_maps(texf, vertex, index).items()}
+        _add_surface(document, texf, vertex, index, groups, columns, packing or Plain())
     return document
 
 

@@ -10,8 +10,8 @@ from .codec import EXTENSION, Unusable, form_of, plain_glb
 
 
 class Refused:
-    """Replaces a document that cannot be decoded: at the first look at it the importer gets an error of its own kind, and reports it
-    before anything is in the scene. An error of the hook is logged only, and meshes of zeros would follow."""
+    """Replaces a document that cannot be decoded. At the first look at it the importer gets an error of its own kind, which it
+    reports before anything is in the scene. An error of the hook is logged only, and meshes of zeros would follow."""
 
     def __init__(self, error: Exception) -> None:
         self.__dict__["error"] = error

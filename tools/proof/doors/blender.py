@@ -111,8 +111,8 @@ def seen(path: Path, picture: Path, box: np.ndarray | None) -> tuple[dict, np.nd
     emptied()
     opened(path)
     bpy.context.scene.frame_set(frame_of(bpy.context.scene))
-    found, box = facts(), bounds() if box is None else box
-    return found, draw(picture, box), box
+    scene, box = facts(), bounds() if box is None else box
+    return scene, draw(picture, box), box
 
 
 def alike(a: object, b: object) -> bool:

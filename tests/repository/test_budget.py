@@ -14,9 +14,9 @@ BUDGETS = {
     ("js", "native"): 10_070,  # 1,500 came with coded meshes of a glTF on a page, expand() and its fuzzer; 220 with its atlas,
     # 195 with vectors and threads, 20 with a shared library, 660 with textures in blocks for the card,
     # 800 with a reader of Draco's data in place of Draco's sources, 210 with a module with vectors and its heap
-    ("tools",): 13_120,  # target 10,500; 130 are of scenes, 100 of wheels for platforms,
+    ("tools",): 13_260,  # target 10,500; 130 are of scenes, 100 of wheels for platforms,
     # 200 of ladders of speed, each tool at its own efforts, 375 of bytes on the card, 365 of time to picture,
-    # 115 of sparse voxels
+    # 115 of sparse voxels, 140 of what a file is in Blender, beside its source
     ("tools/gpu",): 3_100,  # came with fitting, frames and decoding on a GPU, whose page must be made again
     ("conformance",): 8_450,  # target 7,500; 600 are of glTF files with streams and what expands them
     ("tests",): 42_040,  # 460 are of sparse voxels, a writer of .vxz and fuzz targets of both readers;

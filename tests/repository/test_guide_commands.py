@@ -47,7 +47,10 @@ def folder(tmp_path, monkeypatch, install):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "meshes").mkdir()
     write_ball(tmp_path / "meshes")
-    (tmp_path / "fan.glb").write_bytes(spinning().glb())
+    (tmp_path / "city").mkdir()
+    for name in ("fan.glb", "city/fan.glb"):
+        (tmp_path / name).write_bytes(spinning().glb())
+    (tmp_path / "city/tileset.json").write_text('{"root": {"content": {"uri": "fan.glb"}}}')
     lines = pages.indented_lines((pages.GUIDE / "catalogue.md").read_text(encoding="utf-8"))
     manifest = lines[lines.index("[options]") : max(i for i, line in enumerate(lines) if line.startswith("options = ")) + 1]
     (tmp_path / "catalogue.toml").write_text("\n".join(manifest))

@@ -125,7 +125,7 @@ class Tileset:
             if name not in coded and name not in self._texts and not _is_same(self.folder / name, out / name):
                 _replace(out / name, lambda path, name=name: shutil.copy2(self.folder / name, path))
         for name, text in reversed(self._texts.items()):
-            written = _URI.sub(lambda found, name=name: found[1] + self._new_uri(name, found[2], coded), text)
+            written = _URI.sub(lambda match, name=name: match[1] + self._new_uri(name, match[2], coded), text)
             data = (self.folder / name).read_bytes() if written == text else written.encode()
             _replace(out / name, lambda path, data=data: path.write_bytes(data))
 
@@ -160,10 +160,10 @@ def _tiles(root: Any) -> Iterator[dict[str, Any]]:
 def _is_same(source, copy):
     """Whether a file is the copy of an earlier run, by size and time."""
     try:
-        one, other = os.stat(source), os.stat(copy)
+        stats = [os.stat(path) for path in (source, copy)]
     except OSError:
         return False
-    return (one.st_size, one.st_mtime_ns) == (other.st_size, other.st_mtime_ns)
+    return len({(stat.st_size, stat.st_mtime_ns) for stat in stats}) == 1
 
 
 def _replace(target, write):

@@ -37,8 +37,8 @@ async function expanded(file, decoded) {
   return writeGlb(root, keepsAll ? bytes : withoutUnused(root, bytes, before));
 }
 
-/** @param {ArrayBuffer} file */
-function readGlb(file) {
+/** The tree and the binary chunk of a GLB. @param {ArrayBuffer} file */
+export function readGlb(file) {
   const view = new DataView(file), wrong = () => invalid('the file is not a whole GLB', 'TXF-I07'), end = file.byteLength < 20 ? 0 : view.getUint32(8, true);
   if (end < 20 || end > file.byteLength || view.getUint32(0, true) !== MAGIC) throw wrong();
   if (view.getUint32(4, true) !== 2) throw new TexfError('unsupported', 'only glTF 2 is supported', {finding: 'TXF-I33'});
@@ -148,11 +148,16 @@ function writeGlb(root, bytes) {
     return at;
   });
   root.buffers = [{byteLength: length}, ...(used ? [{byteLength: unpacked, extensions: {[used]: {fallback: true}}}] : [])];
+  return glbOf(root, bytes.map((data, n) => [places[n], data]), length);
+}
+
+/** A GLB of a tree and pieces of its binary chunk. @param {any} root @param {[number, Uint8Array][]} pieces where they stand @param {number} length of the chunk */
+export function glbOf(root, pieces, length) {
   const text = new TextEncoder().encode(JSON.stringify(root)), start = 20 + text.length + (-text.length & 3);
   const out = new Uint8Array(start + 8 + length), view = new DataView(out.buffer);
   out.fill(32, 20 + text.length, start);
   out.set(text, 20);
   [[0, MAGIC], [4, 2], [8, out.length], [12, start - 20], [16, JSON_CHUNK], [start, length], [start + 4, BINARY_CHUNK]].forEach(([at, value]) => view.setUint32(at, value, true));
-  bytes.forEach((data, n) => out.set(data, start + 8 + places[n]));
+  for (const [at, data] of pieces) out.set(data, start + 8 + at);
   return out.buffer;
 }

@@ -49,7 +49,10 @@ def folder(tmp_path, monkeypatch, install):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "meshes").mkdir()
     write_ball(tmp_path / "meshes")
-    (tmp_path / "fan.glb").write_bytes(spinning().glb())
+    (tmp_path / "city").mkdir()
+    for name in ("fan.glb", "city/fan.glb"):
+        (tmp_path / name).write_bytes(spinning().glb())
+    (tmp_path / "city/tileset.json").write_text('{"root": {"content": {"uri": "fan.glb"}}}')
     (tmp_path / "statue.vxz").write_bytes(write_vxz(shell(8)))
     np.savez(tmp_path / "statue.npz", **shell(8), resolution=8)
     lines = pages.indented_lines((pages.GUIDE / "catalogue.md").read_text(encoding="utf-8"))

@@ -17,7 +17,7 @@ needs_node = pytest.mark.skipif(int(VERSION[1:].split(".")[0]) < 20, reason="the
 
 
 @needs_node
-@pytest.mark.parametrize("name", ["index", "bad_input", "gltf", "container", "blocks"])
+@pytest.mark.parametrize("name", ["index", "bad_input", "gltf", "container", "blocks", "gltf_transform"])
 def test_the_package_passes_its_own_tests(name):
     run = subprocess.run([NODE, "--test", f"js/test/{name}.test.mjs"], cwd=REPOSITORY, capture_output=True, text=True,
                          timeout=300)

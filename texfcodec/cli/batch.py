@@ -20,6 +20,7 @@ from ..options import default_threads
 from ..precompile import ALL, first_run
 from ..report import plural
 from . import interrupts
+from . import tileset as tiles
 from .catalogue import Asset, read_catalogue, words_given
 from .console import Console, printable
 from .flags import file_names, flag_of, number
@@ -91,7 +92,8 @@ def encode_batch(console: Console, flags: dict[str, Any], checkpoint: str | None
     words = words_given(click.get_current_context(), (*FLAGS, "as_json", "quiet", "dry_run"))
     out, source = Path(flags["batch_out"]), Path(flags["batch"])
     passed_over = PassedOver()
-    assets = read_catalogue(source, out, console.note, passed_over, flags["suffix"] or SUFFIX)
+    tileset = _tileset_of(console, flags, source, out)
+    assets = tileset.assets if tileset else read_catalogue(source, out, console.note, passed_over, flags["suffix"] or SUFFIX)
     interrupts.Talk.kept = True
     with only_run(out), work_room(out) as room:
         batch = Batch(console, out, words, flags)
@@ -101,6 +103,8 @@ def encode_batch(console: Console, flags: dict[str, Any], checkpoint: str | None
         else:
             with progress(len(todo)) as show:
                 batch.run(todo, room, show)
+        if tileset:
+            _finish(tileset, out, set(batch.failed))
     console.note(batch.summary(len(assets), len(todo)))
     for line in (*passed_over.line(), *batch.totals.lines()):
         console.note(line)
@@ -111,13 +115,34 @@ def encode_batch(console: Console, flags: dict[str, Any], checkpoint: str | None
     return EXIT_IO if batch.is_full else EXIT_DIFFERS if batch.failed else 0
 
 
+def _tileset_of(console, flags, source, out):
+    """The Tileset of a catalogue that ends in .json, else None."""
+    if source.suffix.lower() != tiles.SUFFIX:
+        return None
+    if flags["suffix"] is not None:
+        raise click.UsageError("--suffix cannot be combined with a tileset: its contents stay scenes")
+    tileset = tiles.Tileset(source, console.note)
+    tileset.check_out(out)
+    return tileset
+
+
+def _finish(tileset, out, failed):
+    from ..io.output_files import as_input_error
+
+    try:
+        tileset.finish(out, failed)
+    except OSError as error:
+        raise as_input_error(error, out) from None
+
+
 class Batch:
     """A run of texf-enc --batch. out: folder for results; words: flags for every asset, as words; flags: as batch_of() returns
-    them. failed: number of assets that failed; is_full: whether a disk was full; totals: Totals so far."""
+    them. failed: names of assets that failed; is_full: whether a disk was full; totals: Totals so far."""
 
     def __init__(self, console: Console, out: Path, words: tuple[str, ...], flags: dict[str, Any]) -> None:
         self.console, self.out, self.words, self.flags = console, out, words, flags
-        self.results, self.failed, self.is_full, self.begin = Results(out), 0, False, time.perf_counter()
+        self.results, self.is_full, self.begin = Results(out), False, time.perf_counter()
+        self.failed: list[str] = []
         self.totals = Totals()
 
     def is_finished(self, asset: Asset) -> bool:
@@ -209,7 +234,7 @@ class Batch:
     def _fail(self, asset, error):
         fault = error.as_dict() | {"exit_code": error.exit_code} if isinstance(error, TexfError) else error
         row = {**self._row(asset), "error": json_ready(fault)}
-        self.failed += 1
+        self.failed.append(asset.name)
         self.totals.add(row)
         try:
             self.results.append(row)
@@ -229,8 +254,8 @@ class Batch:
         """Return one line about the whole batch: how many assets were encoded, were there already, and failed. count: number of
         assets; tried: those of them that this run had to encode."""
         seconds = time.perf_counter() - self.begin
-        return (f"{plural(count, 'asset', 'assets')}: {tried - self.failed} encoded in {seconds:.0f} s, {count - tried} "
-                f"already encoded, {self.failed} failed; see {self.out / 'results.jsonl'}")
+        return (f"{plural(count, 'asset', 'assets')}: {tried - len(self.failed)} encoded in {seconds:.0f} s, {count - tried} "
+                f"already encoded, {len(self.failed)} failed; see {self.out / 'results.jsonl'}")
 
 
 def _stream(asset):

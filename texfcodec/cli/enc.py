@@ -82,12 +82,12 @@ def enc(console, source, out, dry_run, as_json, quiet, **choices):
     With --codec 3dntc, --point or --resident-bytes sets the size, and --steps the fitting time. K only sets the number of voxels
     that a decoder produces from the payload.
 
-    A catalogue of --batch is a folder of meshes, a list of paths (one per line),
-    or a TOML file. The TOML file has [[asset]] tables with path, out (a name that ends in .texf or .glb) and options, and
-    [options] for all. chair.glb becomes chair.texf, or with --suffix .glb a scene. Assets that would get the same name take their
-    whole names: chair.glb.texf and chair.stl.texf. An asset that has a stream keeps its name. Each asset adds a JSON line on
-    stdout and in results.jsonl; with --json the totals come last. If an asset fails, the others continue. The same command again
-    encodes what is unfinished or has changed.
+    A catalogue of --batch is a folder of meshes, a list of paths (one per line), a TOML file, or a tileset of 3D Tiles
+    (.json). Of a tileset the glTF contents are coded, and all other files are copied. The TOML file has [[asset]] tables with
+    path, out (a name that ends in .texf or .glb) and options, and [options] for all. chair.glb becomes chair.texf, or with
+    --suffix .glb a scene. Assets that would get the same name take their whole names: chair.glb.texf and chair.stl.texf. An
+    asset that has a stream keeps its name. Each asset adds a JSON line on stdout and in results.jsonl; with --json the totals
+    come last. If an asset fails, the others continue. The same command again encodes what is unfinished or has changed.
 
     Exit codes: 0 done, 1 command line, 2 input or output, 4 internal, 5 not supported, 6 limit exceeded, 7 an asset of a batch
     failed, 130 interrupted.

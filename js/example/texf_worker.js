@@ -1,0 +1,1 @@
+import '../src/service_worker.js';

@@ -8,19 +8,19 @@ LONGEST_LINE = 2000  # a file with a longer one is a bundle, which does not coun
 
 # Folders, the deepest that holds a file counts it: the most lines of all their files together.
 BUDGETS = {
-    ("texfcodec",): 54_360,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
+    ("texfcodec",): 54_365,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
     # memory of large meshes 100, the native library 150, a GLB of texel fields without kernels 80, tilesets 200,
     # values of generators 1,230: voxels, arrays, functions, channels at vertices, a mesh without a search
     ("js", "native"): 10_500,  # 1,500 came with coded meshes of a glTF on a page, expand() and its fuzzer; 220 with its atlas,
     # 195 with vectors and threads, 20 with a shared library, 660 with textures in blocks for the card,
     # 800 with a reader of Draco's data in place of Draco's sources, 210 with a module with vectors and its heap,
     # 430 with glTF-Transform, Babylon.js, PlayCanvas, a service worker and their tests
-    ("tools",): 13_390,  # target 10,500; 130 are of scenes, 100 of wheels for platforms,
+    ("tools",): 13_395,  # target 10,500; 130 are of scenes, 100 of wheels for platforms,
     # 200 of ladders of speed, each tool at its own efforts, 375 of bytes on the card, 365 of time to picture,
     # 115 of sparse voxels, 140 of what a file is in Blender, beside its source, 125 of viewers
     ("tools/gpu",): 3_100,  # came with fitting, frames and decoding on a GPU, whose page must be made again
     ("conformance",): 8_450,  # target 7,500; 600 are of glTF files with streams and what expands them
-    ("tests",): 42_180,  # 460 are of sparse voxels, a writer of .vxz and fuzz targets of both readers; 90 of tilesets;
+    ("tests",): 42_190,  # 460 are of sparse voxels, a writer of .vxz and fuzz targets of both readers; 90 of tilesets;
     # 55 are of time to picture and of modules, 25 of blocks in Chromium, 150 of the native library,
     # 55 of ladders and vectors made again;
     # 2,050 are of scenes, 50 of trials that end early; 2,600 came from tools/proof; target 29,000

@@ -11,6 +11,7 @@ import re
 import shutil
 from collections import deque
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote, urlsplit
@@ -123,7 +124,7 @@ class Tileset:
         coded = {asset.name: asset.out for asset in self.assets if asset.name not in failed}
         for name in self._files(out):
             if name not in coded and name not in self._texts and not _is_same(self.folder / name, out / name):
-                _replace(out / name, lambda path, name=name: shutil.copy2(self.folder / name, path))
+                _replace(out / name, partial(shutil.copy2, self.folder / name))
         for name, text in reversed(self._texts.items()):
             written = _URI.sub(lambda match, name=name: match[1] + self._new_uri(name, match[2], coded), text)
             data = (self.folder / name).read_bytes() if written == text else written.encode()

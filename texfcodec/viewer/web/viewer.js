@@ -1,5 +1,5 @@
 /* texf-view, made by app/bundle.mjs with three.js (below its licence)
-sources e35b5b7f2cafbfc1b07c5c2630d1413b0d57fecfa94f68e345092d17483aa45c
+sources 7bc5c3777a8286a65888c4a18be12b3039335847f91a5240f04bf5e33a99241a
 
 three.js
 The MIT License

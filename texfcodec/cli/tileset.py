@@ -126,7 +126,7 @@ class Tileset:
             if name not in coded and name not in self._texts and not _is_same(self.folder / name, out / name):
                 _replace(out / name, partial(shutil.copy2, self.folder / name))
         for name, text in reversed(self._texts.items()):
-            written = _URI.sub(lambda match, name=name: match[1] + self._new_uri(name, match[2], coded), text)
+            written = _URI.sub(partial(self._with_new_uri, name, coded), text)
             data = (self.folder / name).read_bytes() if written == text else written.encode()
             _replace(out / name, lambda path, data=data: path.write_bytes(data))
 
@@ -138,15 +138,15 @@ class Tileset:
                 if not os.path.islink(os.path.join(place, name)) or (Path(place) / name).resolve().is_relative_to(self._real):
                     yield (Path(place) / name).relative_to(self.folder).as_posix()
 
-    def _new_uri(self, home, literal, coded):
-        """The JSON text of a URI, another one for a content whose name changes."""
-        uri = json.loads(literal)
+    def _with_new_uri(self, home, coded, match):
+        """The JSON text of a matched URI, another one for a content whose name changes."""
+        uri = json.loads(match[2])
         parts = urlsplit(uri)
         name = Path(os.path.normpath(Path(home).parent / unquote(parts.path))).as_posix()
         if parts.scheme or coded.get(name, name) == name:
-            return literal
+            return match[0]
         folder, slash, _ = parts.path.rpartition("/")
-        return json.dumps(parts._replace(path=folder + slash + quote(Path(coded[name]).name)).geturl())
+        return match[1] + json.dumps(parts._replace(path=folder + slash + quote(Path(coded[name]).name)).geturl())
 
 
 def _tiles(root: Any) -> Iterator[dict[str, Any]]:

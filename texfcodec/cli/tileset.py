@@ -18,6 +18,7 @@ from urllib.parse import quote, unquote, urlsplit
 
 from ..batch.folders import LOCK, WORK
 from ..core import cleanup
+from ..core.json_text import json_text
 from ..errors import InputError
 from ..report import plural
 from .catalogue import RESULTS, Asset
@@ -146,7 +147,7 @@ class Tileset:
         if parts.scheme or coded.get(name, name) == name:
             return match[0]
         folder, slash, _ = parts.path.rpartition("/")
-        return match[1] + json.dumps(parts._replace(path=folder + slash + quote(Path(coded[name]).name)).geturl())
+        return match[1] + json_text(parts._replace(path=folder + slash + quote(Path(coded[name]).name)).geturl())
 
 
 def _tiles(root: Any) -> Iterator[dict[str, Any]]:

@@ -114,7 +114,7 @@ class Reader {
   u32 u32_(const char* name) { return u32(number(4, name, 0, 0xffffffff)); }
   i32 i32_(const char* name, i32 low, i32 high) {
     i32 value = i32(u32_(name));
-    if (value < low || value > high) fail(S04, std::string(name) + " is " + decimal(value));
+    if (value < low || value > high) fail(S04, std::string(name) + (value < 0 ? " is -" : " is ") + decimal(magnitude(value)));
     return value;
   }
   int registry(const char* name, int low, int high) { return known(u8_(name, low), name, high); }

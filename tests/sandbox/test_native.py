@@ -135,7 +135,7 @@ def test_the_library_looks_at_the_flag():
 
     def work():
         loaded.texf_set_stop(ctypes.byref(flag))
-        status.append(loaded.texf_decode(data, len(data), 0, None, ctypes.byref(asset), None))
+        status.append(loaded.texf_decode_threads(data, len(data), 0, None, 2, ctypes.byref(asset), None))
 
     status: list = []
     thread = threading.Thread(target=work)

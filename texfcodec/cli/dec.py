@@ -125,7 +125,7 @@ def dec(console, source, out, overwrite, carry_stream, fallback_faces, as_json, 
 
 
 def _stages(out, appearance, compiles, over_voxels):
-    """Stages of precompile.py whose kernels this run may need. over_voxels: tells whether the stream has such fields."""
+    """Yield the stages of precompile.py whose kernels this run may need. over_voxels(): whether the stream has such fields."""
     if compiles:
         yield "decode"
     if appearance in (None, "texture") and not out.lower().endswith((".ply", ".npz", _STREAM)) and over_voxels():
@@ -133,7 +133,7 @@ def _stages(out, appearance, compiles, over_voxels):
 
 
 def _over_voxels(data, limits):
-    """Whether a field of the stream is over voxels; its faces need an atlas. Damage is what decode() names."""
+    """Return whether a field of the stream is over voxels, so that its faces need an atlas. decode() names what is damaged."""
     from ..bitstream.stream import read_stream
     from ..bitstream.syntax import SUPPORT_TEXELS
 

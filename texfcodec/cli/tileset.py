@@ -160,7 +160,7 @@ def _tiles(root: Any) -> Iterator[dict[str, Any]]:
 
 
 def _is_same(source, copy):
-    """Whether a file is the copy of an earlier run, by size and time."""
+    """Return whether a file is the copy of an earlier run, by size and time."""
     try:
         stats = [os.stat(path) for path in (source, copy)]
     except OSError:

@@ -28,13 +28,11 @@ INTERFACE = 1  # TEXF_INTERFACE of native/texf.h
 STOPPED, NO_MEMORY = 130, 607  # TEXF_STOPPED; the finding TXF-L07
 WAIT_SECONDS = 0.1  # between looks at the progress callback, and as long for a stopped decode to free its memory
 _POINTER, _NUMBER, _SIZE = ctypes.c_void_p, ctypes.c_uint32, ctypes.c_size_t
-THREADED = "texf_decode_threads"  # a library may lack it
 _SIGNATURES = {  # of native/texf.h: result, arguments
     "texf_set_stop": (None, (_POINTER,)),
-    "texf_decode": (ctypes.c_int, (ctypes.c_char_p, _SIZE, ctypes.c_int, _POINTER, _POINTER, _POINTER)),
     "texf_array": (_POINTER, (_POINTER, ctypes.c_int, _NUMBER, _NUMBER, _POINTER)),
     "texf_free": (None, (_POINTER,)),
-    THREADED: (ctypes.c_int, (ctypes.c_char_p, _SIZE, ctypes.c_int, _POINTER, ctypes.c_int, _POINTER, _POINTER)),
+    "texf_decode_threads": (ctypes.c_int, (ctypes.c_char_p, _SIZE, ctypes.c_int, _POINTER, ctypes.c_int, _POINTER, _POINTER)),
 }
 
 
@@ -47,9 +45,8 @@ def library(path: Path) -> ctypes.CDLL | str | None:
         loaded = ctypes.CDLL(str(path))
         version = loaded.texf_version()
         for name, (result, arguments) in _SIGNATURES.items():
-            if name != THREADED or hasattr(loaded, THREADED):
-                function = getattr(loaded, name)
-                function.restype, function.argtypes = result, arguments
+            function = getattr(loaded, name)
+            function.restype, function.argtypes = result, arguments
     except (OSError, AttributeError) as error:  # of another architecture, or cut short; without a function
         return f"the native library cannot be used: {str(error).replace(str(path), path.name)}"
     if version != INTERFACE:
@@ -113,10 +110,8 @@ class NativeAnswer:
         limits = (ctypes.c_uint64 * len(LIMITS))(*(getattr(options.limits, name) or 0 for name in LIMITS))
         where = ctypes.byref(self.asset), self.refusal
         self.library.texf_set_stop(ctypes.byref(self.stop))
-        if hasattr(self.library, THREADED):
-            threads = options.threads or default_threads()
-            return self.library.texf_decode_threads(data, len(data), options.lod, limits, threads, *where)
-        return self.library.texf_decode(data, len(data), options.lod, limits, *where)
+        threads = options.threads or default_threads()
+        return self.library.texf_decode_threads(data, len(data), options.lod, limits, threads, *where)
 
     def _error(self):
         if REFUSAL.unpack(self.refusal.raw)[0] == NO_MEMORY:

@@ -1,4 +1,4 @@
-"""What stays on the graphics card: resident bytes and time a frame in three.js, beside PNG and KTX2, for docs/reports/card.md.
+"""Measure bytes that stay on the graphics card, and a frame's time, in three.js, beside PNG and KTX2: docs/reports/card.md.
 
 python tools/bench/card.py --assets FOLDER [--out out/card] [--page docs/reports/card.md] [ASSET ...]
 

@@ -55,7 +55,7 @@ NOTE = (
 
 
 class Pair(NamedTuple):
-    """What is compared: rows of ladders.jsonl of ours and of a rival."""
+    """Two rows of ladders.jsonl, ours and a rival's, that are compared."""
 
     asset: str
     tool: str

@@ -157,7 +157,8 @@ class MeshChoice:
 
     @property
     def is_direct(self) -> bool:
-        """Whether a mesh is taken without a search: at effort "fast", for many faces without an image, as of generators."""
+        """True if the mesh is chosen by direct() instead of the search: effort "fast", no image, and at least LARGE faces, as
+        generators make them."""
         return self.request.effort == "fast" and not self.scene.textures and len(self.usual.faces) >= LARGE
 
     @cached_property

@@ -68,22 +68,22 @@ def _unit(array, notes, what):
 @dataclass(frozen=True)
 class SparseVoxels:
     """Voxels with values. xyz: int64 [N, 3], distinct, 0..MOST_SIDE - 1; values: by channel, float32 [N, C]; origin, size:
-    float64 [3], of the grid's corner and of a voxel, which covers xyz to xyz + 1 of them."""
+    float64 [3], of the grid's corner and of a voxel, which covers xyz to xyz + 1 of them; counts: of points of at()."""
 
     xyz: np.ndarray
     values: Values
     origin: np.ndarray
     size: np.ndarray
-    counts: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("points", "homeless", "nearest", "far"), 0))
+    counts: dict[str, int] = field(default_factory=lambda: {"nearest": 0})
 
     @cached_property
     def _sorted(self):
-        """(ascending keys, BrickMap, values of all channels side by side)."""
+        """Return (ascending keys, BrickMap, values of all channels side by side, voxels) in the order of their keys."""
         keys = encode_morton(self.xyz)
         order = np.argsort(keys, kind="stable")
         keys = keys[order]
         joined = np.concatenate(list(self.values.values()), axis=1)[order]
-        return keys, build_brick_map(keys), np.ascontiguousarray(joined)
+        return keys, build_brick_map(keys), np.ascontiguousarray(joined), self.xyz[order]
 
     def grid(self, points: np.ndarray) -> np.ndarray:
         """Return points, float64 [n, 3], in voxels."""
@@ -92,26 +92,23 @@ class SparseVoxels:
     def at(self, points: np.ndarray, threads: int = 1) -> Values:
         """Return the values at points, float64 [n, 3]: trilinear among the present of the eight voxels around, with weights
         that sum to 1, else those of the nearest voxel."""
-        keys, brick_map, joined = self._sorted
+        keys, brick_map, joined, _ = self._sorted
         out, missed = query_field(self.grid(points), MOST_SIDE, keys, brick_map, joined, threads)
         self.counts["nearest"] += int((missed > 0).sum())
-        self.counts["far"] += int((missed > 1).sum())
         return dict(zip(self.values, np.split(out, np.cumsum([v.shape[1] for v in self.values.values()])[:-1], axis=1),
                         strict=True))
 
     def fit(self, points: np.ndarray) -> str:
         """Return a sentence on how far the voxels are from the vertices of a surface, float64 [n, 3]."""
-        keys, places = self._sorted[0], self.grid(points)
+        (keys, *_, xyz), places = self._sorted, self.grid(points)
         cell = np.clip(np.floor(places), 0, MOST_SIDE - 1).astype(np.int64)
         key = encode_morton(cell)
-        own = keys[np.minimum(np.searchsorted(keys, key), len(keys) - 1)] == key
-        homeless = places[~own]
+        has_own = keys[np.minimum(np.searchsorted(keys, key), len(keys) - 1)] == key
+        homeless = places[~has_own]
         if not len(homeless):
             return f"voxels: each of {plural(len(points), 'vertex has', 'vertices has')} a voxel of its own"
         some = np.ascontiguousarray(homeless[:: -(-len(homeless) // PROBED)])
-        xyz = np.sort(keys)  # ascending, so that ranks are places in it
-        nearest = self.xyz[np.argsort(encode_morton(self.xyz), kind="stable")[nearest_of_all(some, MOST_SIDE, xyz)]]
-        away = np.sqrt(((nearest + 0.5 - some) ** 2).sum(axis=1))
+        away = np.sqrt(((xyz[nearest_of_all(some, MOST_SIDE, keys)] + 0.5 - some) ** 2).sum(axis=1))
         return (f"voxels: {100 * len(homeless) / len(points):.1f} % of {len(points)} vertices have no voxel of their own; the "
                 f"nearest centre is {away.mean():.2f} voxels away on average, {away.max():.2f} at most; "
                 f"{int(self.counts['nearest'])} take its value, the others are interpolated")

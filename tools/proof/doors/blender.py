@@ -1,4 +1,4 @@
-"""What Blender makes of a coded file beside its source: names, transforms, materials, animation and a picture of each.
+"""Compare a coded file with its source in Blender: names, transforms, materials, animation and a picture of each.
 
 Run by a Python that has bpy and texfcodec's dependencies, after make -C tools blender-addon:
 

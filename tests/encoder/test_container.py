@@ -211,6 +211,13 @@ def zeroed(builder, name):
     return builder.blob[:begin] + bytes(end - begin) + builder.blob[end:]
 
 
+def test_a_stream_gives_the_uvs_that_no_image_of_another_variant_shows(coded):
+    """Under their own number: hosts name UV sets by it."""
+    primitive = tree_of(coded["variants"][1])["meshes"][0]["primitives"][0]
+    assert "texCoord" not in primitive["extensions"]["TEXF_stream"]
+    assert {name for name in primitive["attributes"] if name.startswith("TEXCOORD_")} == {"TEXCOORD_0", "TEXCOORD_1"}
+
+
 def test_an_image_format_that_nothing_uses_any_more_is_not_declared():
     source = SCENES["spinning"]()
     source.tree["textures"][0] = {"extensions": {"EXT_texture_webp": {"source": 0}}}

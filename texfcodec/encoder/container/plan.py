@@ -201,8 +201,9 @@ def _add_stored(document, parts, slots):
             infos = [slot_of(entry, BY_NAME[name]) for name in coded]
             for info in texture_infos(entry):
                 if not any(info is coded_info for coded_info in infos):
-                    transform = extensions(info).get("KHR_texture_transform", {})
-                    needed |= {f"TEXCOORD_{info.get('texCoord', 0)}", f"TEXCOORD_{transform.get('texCoord', 0)}"}
+                    usual = info.get("texCoord", 0)
+                    transformed = extensions(info).get("KHR_texture_transform", {}).get("texCoord", usual)
+                    needed |= {f"TEXCOORD_{usual}", f"TEXCOORD_{transformed}"}
         part.stored = tuple(name for name in primitive["attributes"] if name in needed
                             or not (name in FROM_STREAM or name.startswith("TEXCOORD_")))
 

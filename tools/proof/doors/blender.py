@@ -11,6 +11,7 @@ PSNR is over the pixels that either picture covers. Suns without a width and no 
 import json
 import math
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
@@ -43,6 +44,18 @@ def nodes_of(material: bpy.types.Material) -> list:
     return [sorted(nodes, key=str), sorted(links), material.use_backface_culling]
 
 
+def curves() -> Iterator[tuple[str, list]]:
+    """Yield (action and property, values at nine frames). Quaternions have unit length, as Blender applies them: it interpolates
+    their components, so that the length depends on where the keys are."""
+    for action in bpy.data.actions:
+        for path in sorted({curve.data_path for curve in action.fcurves}):
+            values = np.array([[curve.evaluate(t) for t in np.linspace(*action.frame_range, 9)]
+                               for curve in action.fcurves if curve.data_path == path])
+            if path.endswith("rotation_quaternion"):
+                values /= np.linalg.norm(values, axis=0)
+            yield f"{action.name}/{path}", values.tolist()
+
+
 def facts() -> dict:
     """Return what of a scene shall be equal: {property: {name: value}}."""
     objects = bpy.context.scene.objects
@@ -56,8 +69,7 @@ def facts() -> dict:
             "materials": {m.name: nodes_of(m) for m in bpy.data.materials if m.use_nodes},
             "shape keys": {k.name: [b.name for b in k.key_blocks] for k in bpy.data.shape_keys},
             "groups": {o.name: [g.name for g in o.vertex_groups] for o in objects},
-            "curves": {f"{a.name}/{c.data_path}/{c.array_index}": [c.evaluate(t) for t in np.linspace(*a.frame_range, 9)]
-                       for a in bpy.data.actions for c in a.fcurves},
+            "curves": dict(curves()),
             "variants": dict(enumerate(v.name for v in getattr(bpy.data.scenes[0], "gltf2_KHR_materials_variants_variants", ()))),
             "extras": {o.name: sorted(map(str, o.keys())) for o in objects}}
 

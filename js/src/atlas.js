@@ -11,9 +11,10 @@ import {Voxels} from './voxels.js';
 
 /** @typedef {import('./engine.js').Asset} Asset */
 /** @typedef {ArrayLike<number>} Vector */
-/** @typedef {{values: Uint8Array, step: number, at: number, k: number}} Output values: step components a voxel, of which the one at `at` becomes component k */
-/** @typedef {{voxels: Voxels, size: number, isNormal: boolean, outputs: Output[]}} Layer planes of a field with the same voxels, which are `size` voxels of the
- *   field wide; isNormal: outputs are x, y and z of a normal, which become two components of the picture */
+/** @typedef {import('./pictures.js').Picture} Picture */
+/** @typedef {{values: Uint8Array, step: number, at: number, data: Uint8Array, k: number}} Output values: step components a voxel, of which that at `at`, or for a
+ *   normal three from there, become component k of the pixels, or for a normal 0 and 1 */
+/** @typedef {{voxels: Voxels, size: number, plain: Output[], normals: Output[]}} Layer planes of a field with the same voxels, `size` voxels of the field wide */
 
 const GUTTER = 2, DENSITY = 1.25, MOST = 4096, LEAST = 64; // texels about a cell; texels a voxel, unless MOST, a side, forbids
 const REACH = 1.5; // texels about a face in which the field answers as on it
@@ -33,12 +34,15 @@ function normalise(a, i) {
  * @param {number} ay @param {number} x @param {number} y @returns {number} the square of its distance */
 function nearest(near, length, ax, ay, x, y) {
   let best = y >= 0 && ax * y <= ay * x && (length - ax) * y <= ay * (length - x) ? 0 : Infinity;
-  near[0] = x, near[1] = y;
+  near[0] = x;
+  near[1] = y;
   for (let n = 0; n < 3 && best > 0; n++) {
     const from = n === 2 ? length : 0, u = (n === 0 ? length : ax) - from, v = n === 0 ? 0 : ay, t = Math.min(1, Math.max(0, ((x - from) * u + y * v) / (u * u + v * v || 1)));
     const square = (from + t * u - x) ** 2 + (t * v - y) ** 2;
     if (square >= best) continue;
-    best = square, near[0] = from + t * u, near[1] = t * v;
+    best = square;
+    near[0] = from + t * u;
+    near[1] = t * v;
   }
   return best;
 }
@@ -61,6 +65,8 @@ export class Atlas {
     this.boxes = new Int32Array(4 * this.cells.length); // x, y, width and height of the cells
     /** @type {Map<string, Voxels>} */
     this.voxels = new Map();
+    /** Those that finish() fills. @type {{channels: (string|null)[], picture: Picture}[]} */
+    this.pictures = [];
     this.side = LEAST;
     this.density = this.packedBest();
     /** UVs and tangents of the corners of each unit. @type {{uvs: Float32Array, tangents: Float32Array}[]} */
@@ -119,11 +125,11 @@ export class Atlas {
       const wide = Math.ceil(frames[FRAME * cells[n] + LENGTH] * density) + 2 * GUTTER, tall = Math.ceil(heights[cells[n]] * density) + 2 * GUTTER;
       if (x + wide > side) {
         end(n, row);
-        x = 0, y += row, row = 0;
+        [x, y, row] = [0, y + row, 0];
       }
       row = Math.max(row, tall);
       if (wide > side || y + row > side) return false;
-      boxes[4 * n] = x, boxes[4 * n + 1] = y, boxes[4 * n + 2] = wide, boxes[4 * n + 3] = tall;
+      boxes.set([x, y, wide, tall], 4 * n);
       x += wide;
     }
     end(cells.length, side - y);
@@ -148,32 +154,40 @@ export class Atlas {
     }
   }
 
-  /** A picture of channels, as pictureOf() of a field over texels. @param {(string|null)[]} channels @returns {import('./pictures.js').Picture} */
+  /** A picture of channels, as pictureOf() of a field over texels, which finish() fills. @param {(string|null)[]} channels @returns {Picture} */
   picture(channels) {
-    const {side} = this, data = new Uint8Array(4 * side * side).fill(255), layers = this.corners.map((_, number) => this.layersOf(number, channels));
-    this.cells.forEach((face, n) => layers[this.units[face]].forEach((layer) => this.paint(data, n, layer)));
-    if (channels.some((name) => name?.endsWith('normal'))) withZ(data);
-    return {width: side, height: side, data, hasAlpha: Boolean(channels[3]) && hasAlpha(data)};
+    const {side} = this, picture = {width: side, height: side, data: new Uint8Array(4 * side * side).fill(255), hasAlpha: false};
+    this.pictures.push({channels, picture});
+    return picture;
   }
 
-  /** How the field of a unit answers for channels that it has. @param {number} number @param {(string|null)[]} channels @returns {Layer[]} */
-  layersOf(number, channels) {
-    const {field} = this.asset.units[number], {planes, keys, levelsLeftOut} = this.asset.fields[field], layers = /** @type {Layer[]} */ ([]), from = componentsOf(channels);
-    channels.forEach((name, k) => {
-      const isNormal = name?.endsWith('normal') ?? false, plane = planes[isNormal ? `${name}_object` : name ?? ''];
-      if (!plane) return;
-      const {values, components: step, offset, levelShift} = plane, coarser = Math.max(0, levelShift - levelsLeftOut), voxels = this.voxels.get(`${field} ${coarser}`) ?? new Voxels(keys, coarser);
-      const outputs = isNormal ? [0, 1, 2].map((c) => ({values, step, at: offset + c, k: c})) : [{values, step, at: offset + Math.min(from[k], step - offset - 1), k}];
-      const known = layers.find((layer) => layer.voxels === voxels);
-      this.voxels.set(`${field} ${coarser}`, voxels);
-      if (!known) layers.push({voxels, size: 2 ** coarser, isNormal, outputs});
-      else if (!isNormal) known.outputs.push(...outputs);
-    });
-    return layers;
+  /** Fills all pictures: a texel asks the voxels once for all of them. */
+  finish() {
+    const layers = this.corners.map((_, number) => this.layersOf(number));
+    this.cells.forEach((face, n) => layers[this.units[face]].forEach((layer) => this.paint(n, layer)));
+    for (const {channels, picture} of this.pictures.splice(0)) {
+      if (channels.some((name) => name?.endsWith('normal'))) withZ(picture.data);
+      picture.hasAlpha = Boolean(channels[3]) && hasAlpha(picture.data);
+    }
   }
 
-  /** Fills a cell. @param {Uint8Array} data @param {number} n @param {Layer} layer */
-  paint(data, n, {voxels, size, isNormal, outputs}) {
+  /** How the field of a unit answers for the channels of the pictures. @param {number} number @returns {Layer[]} */
+  layersOf(number) {
+    const {field} = this.asset.units[number], {planes, keys, levelsLeftOut} = this.asset.fields[field], layers = /** @type {Map<number, Layer>} */ (new Map());
+    for (const {channels, picture: {data}} of this.pictures) for (const [k, name] of channels.entries()) {
+      const isNormal = name?.endsWith('normal') ?? false, plane = planes[isNormal ? `${name}_object` : name ?? ''], from = componentsOf(channels)[k];
+      if (!plane || isNormal && from > 0) continue;
+      const {values, components: step, offset, levelShift} = plane, coarser = Math.max(0, levelShift - levelsLeftOut), key = `${field} ${coarser}`;
+      const voxels = this.voxels.get(key) ?? new Voxels(keys, coarser), layer = layers.get(coarser) ?? {voxels, size: 2 ** coarser, plain: [], normals: []};
+      this.voxels.set(key, voxels);
+      layers.set(coarser, layer);
+      layer[isNormal ? 'normals' : 'plain'].push({values, step, at: offset + Math.min(from, step - offset - 1), data, k});
+    }
+    return [...layers.values()];
+  }
+
+  /** Fills a cell. @param {number} n @param {Layer} layer */
+  paint(n, {voxels, size, plain, normals}) {
     const {density, side, boxes, frames} = this, [left, upper, wide, tall] = boxes.subarray(4 * n, 4 * n + 4), first = this.cells[n], second = this.others[first];
     const length = frames[FRAME * first + LENGTH], top = frames[FRAME * first + APEX + 1];
     for (let j = 0; j < tall; j++) {
@@ -181,8 +195,8 @@ export class Atlas {
       for (let i = 0, to = 4 * ((upper + j) * side + left); i < wide; i++, to += 4) {
         const x = (i + 0.5 - GUTTER) / density;
         this.ask(voxels, size, face, isSecond ? length - x : x, isSecond ? -y : y);
-        if (isNormal) this.bend(data, to, face, voxels, outputs);
-        else for (let o = 0; o < outputs.length; o++) data[to + outputs[o].k] = Math.round(voxels.mean(outputs[o].values, outputs[o].step, outputs[o].at));
+        for (let o = 0; o < plain.length; o++) plain[o].data[to + plain[o].k] = Math.round(voxels.mean(plain[o].values, plain[o].step, plain[o].at));
+        for (let o = 0; o < normals.length; o++) this.bend(to, face, voxels, normals[o]);
       }
     }
   }
@@ -196,9 +210,9 @@ export class Atlas {
     if (isFar || !voxels.ask(place(0, x, y), place(1, x, y), place(2, x, y), false)) voxels.ask(place(0, near[0], near[1]), place(1, near[0], near[1]), place(2, near[0], near[1]), true);
   }
 
-  /** Writes x and y of the normal at `near`, in the tangent frame that a viewer has there. @param {Uint8Array} data @param {number} to @param {number} face
-   * @param {Voxels} voxels @param {Output[]} outputs */
-  bend(data, to, face, voxels, outputs) {
+  /** Writes x and y of the normal at `near`, in the tangent frame that a viewer has there. @param {number} to @param {number} face
+   * @param {Voxels} voxels @param {Output} output */
+  bend(to, face, voxels, {values, step, at, data}) {
     const {basis, near, frames, turns, faces} = this, row = FRAME * face, {normals} = this.asset.units[this.units[face]], {tangents} = this.corners[this.units[face]];
     const third = near[1] / (frames[row + APEX + 1] || 1), second = (near[0] - third * frames[row + APEX]) / (frames[row + LENGTH] || 1), first = 1 - second - third;
     const a = 3 * faces[face] + turns[face], b = 3 * faces[face] + (turns[face] + 1) % 3, c = 3 * faces[face] + (turns[face] + 2) % 3;
@@ -210,7 +224,7 @@ export class Atlas {
     normalise(basis, 3);
     for (let k = 0; k < 3; k++) {
       basis[6 + k] = basis[(k + 1) % 3] * basis[3 + (k + 2) % 3] - basis[(k + 2) % 3] * basis[3 + (k + 1) % 3];
-      basis[9 + k] = basis[k] + voxels.mean(outputs[k].values, outputs[k].step, outputs[k].at) / FLAT - 1;
+      basis[9 + k] = basis[k] + voxels.mean(values, step, at + k) / FLAT - 1;
     }
     normalise(basis, 9);
     data[to] = Math.round(FLAT * (dot(basis, 9, basis, 3) + 1));

@@ -72,9 +72,12 @@ export class Atlas {
     /** UVs and tangents of the corners of each unit. @type {{uvs: Float32Array, tangents: Float32Array}[]} */
     this.corners = [];
     for (const number of numbers) this.corners[number] = {uvs: new Float32Array(2 * asset.units[number].indices.length), tangents: new Float32Array(4 * asset.units[number].indices.length)};
-    this.cells.forEach((face, n) => [face, this.others[face]].filter((half) => half >= 0).forEach((half) => this.place(n, half)));
     this.near = new Float64Array(2);
     this.basis = new Float64Array(12); // normal, tangent, bitangent and the normal of the field
+    this.cells.forEach((face, n) => {
+      this.place(n, face);
+      if (this.others[face] >= 0) this.place(n, this.others[face]);
+    });
   }
 
   /** Writes the rows of a unit's faces: two with one longest edge share a cell. @param {number} number @param {number} first @returns {number} where the next unit begins */
@@ -129,7 +132,10 @@ export class Atlas {
       }
       row = Math.max(row, tall);
       if (wide > side || y + row > side) return false;
-      boxes.set([x, y, wide, tall], 4 * n);
+      boxes[4 * n] = x;
+      boxes[4 * n + 1] = y;
+      boxes[4 * n + 2] = wide;
+      boxes[4 * n + 3] = tall;
       x += wide;
     }
     end(cells.length, side - y);
@@ -138,10 +144,10 @@ export class Atlas {
 
   /** Writes UVs and tangents of a face. @param {number} n of its cell @param {number} face */
   place(n, face) {
-    const {frames, boxes, density, side} = this, row = FRAME * face, {uvs, tangents} = this.corners[this.units[face]], {normals} = this.asset.units[this.units[face]];
-    const length = frames[row + LENGTH], top = frames[FRAME * this.cells[n] + APEX + 1], sign = this.isBelow[face] ? -1 : 1, tangent = new Float64Array(3);
+    const {frames, boxes, density, side} = this, row = FRAME * face, number = this.units[face], {uvs, tangents} = this.corners[number], {normals} = this.asset.units[number];
+    const length = frames[row + LENGTH], top = frames[FRAME * this.cells[n] + APEX + 1], sign = this.isBelow[face] ? -1 : 1, tangent = this.basis;
     for (let corner = 0; corner < 3; corner++) {
-      const at = 3 * this.faces[face] + (this.turns[face] + corner) % 3, x = [0, length, frames[row + APEX]][corner], y = [0, 0, frames[row + APEX + 1]][corner];
+      const at = 3 * this.faces[face] + (this.turns[face] + corner) % 3, x = corner === 0 ? 0 : frames[row + LENGTH + corner - 1], y = corner === 2 ? frames[row + APEX + 1] : 0;
       uvs[2 * at] = (boxes[4 * n] + GUTTER + (sign > 0 ? x : length - x) * density) / side;
       uvs[2 * at + 1] = (boxes[4 * n + 1] + GUTTER + (top - sign * y) * density) / side;
       const across = dot(frames, row + 3, normals, 3 * at), other = Math.abs(normals[3 * at]) < 0.7 ? 0 : 1; // an axis for a normal along the edge
@@ -149,8 +155,7 @@ export class Atlas {
       const isAlong = dot(tangent, 0, tangent, 0) <= 1e-12;
       for (let k = 0; k < 3; k++) tangent[k] = isAlong ? Number(k === other) - normals[3 * at + other] * normals[3 * at + k] : sign * tangent[k];
       normalise(tangent, 0);
-      tangents.set(tangent, 4 * at);
-      tangents[4 * at + 3] = 1;
+      for (let k = 0; k < 4; k++) tangents[4 * at + k] = k < 3 ? tangent[k] : 1;
     }
   }
 

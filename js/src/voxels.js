@@ -1,10 +1,9 @@
 /** Queries of fields over voxels (clause 8.2.1), where no shader makes them. */
 
-import {bricksOf, compact, levelOf} from './supports.js';
+import {bitCount, bricksOf, compact, levelOf} from './supports.js';
 
 const RINGS = 3, LARGEST = 8191; // voxels in which the nearest is looked for; coordinate of a voxel
-const SLOTS = 8; // bricks along each axis whose rows are kept
-const LINEAR = Uint16Array.from({length: 512}, (_, key) => compact(key) | compact(key >> 1) << 3 | compact(key >> 2) << 6); // place in a slot of a Morton code
+const SPREAD = Uint16Array.from({length: 8}, (_, v) => v & 1 | (v & 2) << 2 | (v & 4) << 4); // a coordinate in a brick, every third bit
 
 /** Voxels of a field or of its planes that are `coarser` by some levels. */
 export class Voxels {
@@ -16,9 +15,9 @@ export class Voxels {
     this.places = [0, 1, 2].map((k) => Int32Array.from(bricks, (key) => compact(key >>> k))); // x, y, z of bricks
     const [x, y, z] = this.places;
     this.brick = new Map(Array.from(bricks, (_, b) => [x[b] | y[b] << 10 | z[b] << 20, b]));
-    // Codes of bricks, and rows of their voxels, -1 where none is, in slots of which bricks that are near each other have different ones.
-    this.codes = new Int32Array(SLOTS ** 3).fill(-1);
-    this.voxels = new Int32Array(SLOTS ** 3 * 512);
+    // Codes and numbers of the last bricks, in eight slots: bricks beside each other have different ones.
+    this.codes = new Int32Array(8).fill(-1);
+    this.numbers = new Int32Array(8);
     /** The voxels of the last point: the lowest corner of its cell, rows of all eight, and rows and shares of the `count` that answer. */
     this.corner = Int32Array.of(-2, 0, 0);
     this.around = new Int32Array(8).fill(-1);
@@ -27,49 +26,28 @@ export class Voxels {
     this.shares = new Float64Array(8);
   }
 
-  /** Where the rows of a brick's voxels begin in `voxels`. @param {number} x @param {number} y @param {number} z of a voxel in it */
-  slot(x, y, z) {
-    const code = x >> 3 | y >> 3 << 10 | z >> 3 << 20, slot = x >> 3 & SLOTS - 1 | (y >> 3 & SLOTS - 1) * SLOTS | (z >> 3 & SLOTS - 1) * SLOTS * SLOTS;
-    if (code !== this.codes[slot]) this.fill(slot, code);
-    return 512 * slot;
-  }
-
-  /** Fills a slot with a brick. @param {number} slot @param {number} code */
-  fill(slot, code) {
-    const {voxels, level} = this, brick = this.brick.get(code), at = 512 * slot;
-    this.codes[slot] = code;
-    voxels.fill(-1, at, at + 512);
-    if (brick === undefined) return;
-    for (let word = 16 * brick, row = level.ranks[word]; word < 16 * brick + 16; word++) {
-      for (let bits = level.words[word]; bits !== 0; bits &= bits - 1) voxels[at + LINEAR[word % 16 * 32 + 31 - Math.clz32(bits & -bits)]] = row++;
-    }
-  }
-
   /** The row of a voxel, -1 where none is. @param {number} x @param {number} y @param {number} z */
   row(x, y, z) {
     if (x < 0 || y < 0 || z < 0 || x > LARGEST || y > LARGEST || z > LARGEST) return -1;
-    return this.voxels[this.slot(x, y, z) + (x & 7 | (y & 7) << 3 | (z & 7) << 6)];
-  }
-
-  /** Writes the rows of the eight voxels from (x, y, z). @param {number} x @param {number} y @param {number} z */
-  look(x, y, z) {
-    const {around, corner, voxels} = this;
-    corner[0] = x;
-    corner[1] = y;
-    corner[2] = z;
-    if (x < 0 || y < 0 || z < 0 || x >= LARGEST || y >= LARGEST || z >= LARGEST || (x & 7) === 7 || (y & 7) === 7 || (z & 7) === 7) {
-      for (let n = 0; n < 8; n++) around[n] = this.row(x + (n & 1), y + (n >> 1 & 1), z + (n >> 2));
-      return;
+    const code = x >> 3 | y >> 3 << 10 | z >> 3 << 20, slot = x >> 3 & 1 | y >> 2 & 2 | z >> 1 & 4;
+    if (code !== this.codes[slot]) {
+      this.codes[slot] = code;
+      this.numbers[slot] = this.brick.get(code) ?? -1;
     }
-    const at = this.slot(x, y, z) + (x & 7 | (y & 7) << 3 | (z & 7) << 6);
-    for (let n = 0; n < 8; n++) around[n] = voxels[at + (n & 1) + (n & 2) * 4 + (n & 4) * 16];
+    const inside = SPREAD[x & 7] | SPREAD[y & 7] << 1 | SPREAD[z & 7] << 2, at = 16 * this.numbers[slot] + (inside >> 5), bit = 1 << (inside & 31);
+    return at >= 0 && this.level.words[at] & bit ? this.level.ranks[at] + bitCount(this.level.words[at] & bit - 1) : -1;
   }
 
   /** Makes `rows` and `shares` those of a point. @param {number} px @param {number} py @param {number} pz
    * @param {boolean} isSure whether the nearest voxel answers where no corner does @returns {boolean} whether any voxel answers */
   ask(px, py, pz, isSure) {
     const {corner, around, rows, shares} = this, x = Math.floor(px - 0.5), y = Math.floor(py - 0.5), z = Math.floor(pz - 0.5);
-    if (x !== corner[0] || y !== corner[1] || z !== corner[2]) this.look(x, y, z);
+    if (x !== corner[0] || y !== corner[1] || z !== corner[2]) {
+      corner[0] = x;
+      corner[1] = y;
+      corner[2] = z;
+      for (let n = 0; n < 8; n++) around[n] = this.row(x + (n & 1), y + (n >> 1 & 1), z + (n >> 2));
+    }
     const u = px - 0.5 - x, v = py - 0.5 - y, w = pz - 0.5 - z;
     let total = 0, count = 0;
     for (let n = 0; n < 8; n++) {

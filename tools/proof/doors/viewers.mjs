@@ -3,8 +3,8 @@
 //   node tools/proof/doors/viewers.mjs babylon|playcanvas|model_viewer|cesium OUT_FOLDER SOURCE CODED
 //
 // Call it in a folder that has playwright-core, esbuild and the host: @babylonjs/core and @babylonjs/loaders, playcanvas,
-// @google/model-viewer, or cesium. Writes source.png and coded.png, from one camera, and prints what the host says of each file: names,
-// materials, animations, or why it is refused. Ends with 0 if both are equal, else 7.
+// @google/model-viewer, or cesium. Writes source.png and coded.png, from one camera, and prints what the host says of each file: seconds
+// to load and draw it, names, materials, animations, or why it is refused. Ends with 0 if both are equal, else 7.
 
 import { mkdirSync, writeFileSync } from 'node:fs';
 import { readFile } from 'node:fs/promises';
@@ -117,11 +117,11 @@ await page.goto(`http://127.0.0.1:${server.address().port}/`);
 await page.waitForFunction(() => window.drawn, null, { timeout: 120000 });
 mkdirSync(out, { recursive: true });
 for (const [n, kind] of ['source', 'coded'].entries()) {
-  const answer = await page.evaluate((url) => window.drawn(url).catch((error) => ({ facts: { error: error.message } })), `/${kind}/${path.basename(files[n])}`);
+  const begin = performance.now(), answer = await page.evaluate((url) => window.drawn(url).catch((error) => ({ facts: { error: error.message } })), `/${kind}/${path.basename(files[n])}`);
   const picture = answer.shot ? await page.locator(answer.shot).screenshot() : Buffer.from((answer.picture ?? '').split(',').at(-1), 'base64');
   writeFileSync(path.join(out, `${kind}.png`), picture);
   facts.push(JSON.stringify(answer.facts));
-  console.log(kind, facts[n]);
+  console.log(kind, `${((performance.now() - begin) / 1000).toFixed(1)} s`, facts[n]);
 }
 await browser.close();
 server.close();

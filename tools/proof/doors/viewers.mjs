@@ -72,7 +72,7 @@ const WORKER = `import {expandOnThisPage} from '/js/src/expand_on_this_page.js';
 const MODEL_VIEWER = `${WORKER} await import('/node_modules/@google/model-viewer/dist/model-viewer.min.js');
 window.drawn = async (src) => {
   document.body.replaceChildren();
-  const viewer = Object.assign(document.createElement('model-viewer'), {src, cameraOrbit: '40deg 65deg 110%', style: 'width: 512px; height: 512px'});
+  const viewer = Object.assign(document.createElement('model-viewer'), {src, cameraOrbit: '40deg 65deg 110%', style: 'width: 512px; height: 512px; --progress-bar-height: 0'});
   document.body.append(viewer);
   await new Promise((resolve, reject) => { viewer.addEventListener('load', resolve); viewer.addEventListener('error', () => reject(new Error('refused'))); });
   await new Promise((resolve) => setTimeout(resolve, 3000));

@@ -12,8 +12,8 @@ import {Voxels} from './voxels.js';
 /** @typedef {import('./engine.js').Asset} Asset */
 /** @typedef {ArrayLike<number>} Vector */
 /** @typedef {import('./pictures.js').Picture} Picture */
-/** @typedef {{values: Uint8Array, step: number, at: number, data: Uint8Array, k: number}} Output values: step components a voxel, of which that at `at`, or for a
- *   normal three from there, become component k of the pixels, or for a normal 0 and 1 */
+/** @typedef {{values: Uint8Array, step: number, at: number, width: number, data: Uint8Array, k: number}} Output values: step components a voxel, of which `width`
+ *   from `at` on become components of the pixels from k on; of a normal three become two */
 /** @typedef {{voxels: Voxels, size: number, plain: Output[], normals: Output[]}} Layer planes of a field with the same voxels, `size` voxels of the field wide */
 
 const GUTTER = 2, DENSITY = 1.25, MOST = 4096, LEAST = 64; // texels about a cell; texels a voxel, unless MOST, a side, forbids
@@ -186,7 +186,10 @@ export class Atlas {
       const voxels = this.voxels.get(key) ?? new Voxels(keys, coarser), layer = layers.get(coarser) ?? {voxels, size: 2 ** coarser, plain: [], normals: []};
       this.voxels.set(key, voxels);
       layers.set(coarser, layer);
-      layer[isNormal ? 'normals' : 'plain'].push({values, step, at: offset + Math.min(from, step - offset - 1), data, k});
+      const at = offset + Math.min(from, step - offset - 1), last = layer.plain.at(-1);
+      if (isNormal) layer.normals.push({values, step, at, width: 3, data, k});
+      else if (last?.data === data && last.values === values && last.at + last.width === at && last.k + last.width === k && last.width < 3) last.width++;
+      else layer.plain.push({values, step, at, width: 1, data, k});
     }
     return [...layers.values()];
   }
@@ -200,7 +203,11 @@ export class Atlas {
       for (let i = 0, to = 4 * ((upper + j) * side + left); i < wide; i++, to += 4) {
         const x = (i + 0.5 - GUTTER) / density;
         this.ask(voxels, size, face, isSecond ? length - x : x, isSecond ? -y : y);
-        for (let o = 0; o < plain.length; o++) plain[o].data[to + plain[o].k] = Math.round(voxels.mean(plain[o].values, plain[o].step, plain[o].at));
+        for (let o = 0; o < plain.length; o++) {
+          const {values, step, at, width, data, k} = plain[o];
+          voxels.sum(values, step, at, width);
+          for (let c = 0; c < width; c++) data[to + k + c] = Math.round(voxels.sums[c]);
+        }
         for (let o = 0; o < normals.length; o++) this.bend(to, face, voxels, normals[o]);
       }
     }
@@ -219,6 +226,7 @@ export class Atlas {
    * @param {Voxels} voxels @param {Output} output */
   bend(to, face, voxels, {values, step, at, data}) {
     const {basis, near, frames, turns, faces} = this, row = FRAME * face, {normals} = this.asset.units[this.units[face]], {tangents} = this.corners[this.units[face]];
+    voxels.sum(values, step, at, 3);
     const third = near[1] / (frames[row + APEX + 1] || 1), second = (near[0] - third * frames[row + APEX]) / (frames[row + LENGTH] || 1), first = 1 - second - third;
     const a = 3 * faces[face] + turns[face], b = 3 * faces[face] + (turns[face] + 1) % 3, c = 3 * faces[face] + (turns[face] + 2) % 3;
     for (let k = 0; k < 3; k++) {
@@ -229,7 +237,7 @@ export class Atlas {
     normalise(basis, 3);
     for (let k = 0; k < 3; k++) {
       basis[6 + k] = basis[(k + 1) % 3] * basis[3 + (k + 2) % 3] - basis[(k + 2) % 3] * basis[3 + (k + 1) % 3];
-      basis[9 + k] = basis[k] + voxels.mean(values, step, at + k) / FLAT - 1;
+      basis[9 + k] = basis[k] + voxels.sums[k] / FLAT - 1;
     }
     normalise(basis, 9);
     data[to] = Math.round(FLAT * (dot(basis, 9, basis, 3) + 1));

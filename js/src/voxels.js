@@ -24,6 +24,7 @@ export class Voxels {
     this.count = 0;
     this.rows = new Int32Array(8);
     this.shares = new Float64Array(8);
+    this.sums = new Float64Array(3);
   }
 
   /** The row of a voxel, -1 where none is. @param {number} x @param {number} y @param {number} z */
@@ -63,12 +64,20 @@ export class Voxels {
     return count > 0;
   }
 
-  /** The answer of a plane of `step` components a voxel, 0 to 255. @param {Uint8Array} values @param {number} step @param {number} at */
-  mean(values, step, at) {
-    const {rows, shares, count} = this;
-    let sum = 0;
-    for (let n = 0; n < count; n++) sum += shares[n] * values[step * rows[n] + at];
-    return sum;
+  /** Makes `sums` the answer of up to three components of a plane with `step` a voxel, 0 to 255.
+   * @param {Uint8Array} values @param {number} step @param {number} at @param {number} width */
+  sum(values, step, at, width) {
+    const {rows, shares, sums, count} = this;
+    let x = 0, y = 0, z = 0;
+    for (let n = 0; n < count; n++) {
+      const from = step * rows[n] + at, share = shares[n];
+      x += share * values[from];
+      if (width > 1) y += share * values[from + 1];
+      if (width > 2) z += share * values[from + 2];
+    }
+    sums[0] = x;
+    sums[1] = y;
+    sums[2] = z;
   }
 
   /** The row of the voxel whose centre is nearest to a point; beyond RINGS one of the nearest brick. @param {number} px @param {number} py @param {number} pz */

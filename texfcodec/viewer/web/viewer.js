@@ -1,5 +1,5 @@
 /* texf-view, made by app/bundle.mjs with three.js (below its licence)
-sources 993e3c57d46613989c919def0c7f29d07658ae67efad4661fd42a7a0579a59c3
+sources 1a1080bd7c2b4215647d1fb7ee23794bbe72fc574a0a18eeb875dc814eb86d60
 
 three.js
 The MIT License

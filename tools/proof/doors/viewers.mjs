@@ -48,6 +48,7 @@ addTEXF(app);
 const camera = new pc.Entity(), lamp = new pc.Entity();
 camera.addComponent('camera', {fov: 35});
 lamp.addComponent('light', {type: 'directional', intensity: 1.5});
+app.scene.ambientLight = new pc.Color(0.4, 0.4, 0.4);
 [camera, lamp].forEach((entity) => app.root.addChild(entity));
 let box = null;
 window.drawn = async (url) => {

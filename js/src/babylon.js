@@ -11,7 +11,7 @@ import {Added, inflated, NAME, wellFormed} from './accessors.js';
 import {Atlas} from './atlas.js';
 import {isContainer, unfold} from './container.js';
 import {decode} from './index.js';
-import {pngOf} from './png.js';
+import {addImages} from './png.js';
 
 const CHANGED = ['accessors', 'bufferViews', 'images', 'materials', 'meshes', 'samplers', 'textures']; // arrays of the tree
 
@@ -48,7 +48,7 @@ class TEXFStream {
     const root = plainTree(gltf), onRefused = (/** @type {any} */ error) => console.warn(`${NAME}: ${error.code ?? 'internal'}: ${error.message}; the fallback is shown`);
     const {views, pictures} = await unfold(root, (number) => this.stored(root.bufferViews[number], number), this.decoded, {Atlas, onRefused});
     const added = new Added(root);
-    for (const [texture, picture] of pictures) root.textures[texture].source = added.add('images', {mimeType: 'image/png', bufferView: added.addView(await pngOf(picture))});
+    await addImages(root, added, pictures);
     this.views = new Map([...views, ...added.views]);
     for (const kind of CHANGED.filter((name) => root[name])) gltf[kind] = root[kind].map((/** @type {any} */ entry, /** @type {number} */ index) => Object.assign(entry, {index}));
   }

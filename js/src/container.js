@@ -98,6 +98,7 @@ export async function unfold(root, viewOf, decode, {onRefused, Atlas = null} = {
     for (const primitive of mesh.primitives ?? []) plain.push(...(primitive.extensions?.[NAME] ? await unfolding.primitive(primitive) : [primitive]));
     mesh.primitives = plain;
   }
+  unfolding.surfaces.forEach((surface) => surface?.atlas?.finish());
   return {views: unfolding.added.views, pictures: unfolding.pictures, voxels: unfolding.voxels};
 }
 
@@ -299,7 +300,7 @@ class Unfolding {
     const sampler = {magFilter, minFilter, wrapS, wrapT}, text = JSON.stringify(sampler);
     const same = (this.root.samplers ?? []).findIndex((/** @type {any} */ known) => JSON.stringify(known) === text);
     const number = picture && this.added.add('textures', {sampler: same < 0 ? this.added.add('samplers', sampler) : same});
-    if (picture && number !== null) this.pictures.set(number, {...picture, isColour: channels.some((name) => /colour|emissive/.test(name ?? ''))});
+    if (picture && number !== null) this.pictures.set(number, Object.assign(picture, {isColour: channels.some((name) => /colour|emissive/.test(name ?? ''))}));
     this.textures.set(key, number);
     return number;
   }

@@ -4,7 +4,7 @@ import {Added, entryOf, inflated, invalid, isIndex, MESHOPT, NAME, placeOf, well
 import {Atlas} from './atlas.js';
 import {isContainer, unfold} from './container.js';
 import {decode, TexfError} from './index.js';
-import {pngOf} from './png.js';
+import {addImages} from './png.js';
 import {checkTree, hasUnknown, references} from './references.js';
 
 const MAGIC = 0x46546C67, JSON_CHUNK = 0x4E4F534A, BINARY_CHUNK = 0x004E4942, ALIGNMENT = 8;
@@ -28,10 +28,7 @@ async function expanded(file, decoded) {
   const source = new Source(root, binary), before = held(references(root)), keepsAll = hasUnknown(root);
   const {views, pictures} = await unfold(root, (number) => source.view(number), decoded, {Atlas});
   const added = new Added(root);
-  for (const [texture, picture] of pictures) {
-    const image = {mimeType: 'image/png', bufferView: added.addView(await pngOf(picture))};
-    root.textures[texture].source = added.add('images', image);
-  }
+  await addImages(root, added, pictures);
   const bytes = await Promise.all(root.bufferViews.map(async (/** @type {any} */ view, /** @type {number} */ n) => views.get(n) ?? added.views.get(n) ?? source.known.get(n) ?? source.stored(n)));
   leaveOut(root);
   return writeGlb(root, keepsAll ? bytes : withoutUnused(root, bytes, before));

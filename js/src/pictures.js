@@ -35,9 +35,13 @@ export function pictureOf(field, channels) {
   const {width, height} = images.reduce((a, b) => (b.width * b.height > a.width * a.height ? b : a));
   const data = interleaved(planes, componentsOf(channels), (plane) => resized(plane, width, height), width * height);
   if (channels.some((name) => name?.endsWith('normal'))) withZ(data);
-  let hasAlpha = false;
-  if (planes[3]) for (let i = 3; i < data.length && !hasAlpha; i += 4) hasAlpha = data[i] < 255;
-  return {width, height, data, hasAlpha};
+  return {width, height, data, hasAlpha: Boolean(planes[3]) && hasAlpha(data)};
+}
+
+/** Whether any pixel is not opaque. @param {Uint8Array} pixels */
+export function hasAlpha(pixels) {
+  for (let i = 3; i < pixels.length; i += 4) if (pixels[i] < 255) return true;
+  return false;
 }
 
 /** Texels of a plane, linearly between those of a smaller image. @param {Plane} plane @param {number} width @param {number} height */

@@ -22,22 +22,32 @@ function chunk(type, data) {
 
 /** Rows of a picture, each less what its neighbours make likely. @param {import('./pictures.js').Picture} picture @param {number} size bytes of a pixel */
 function filtered({width, height, data}, size) {
-  const out = new Uint8Array(height * (1 + size * width));
+  const out = new Uint8Array(height * (1 + size * width)), pad = new Uint8Array(4), step = 4 * width;
   for (let y = 0, at = 0; y < height; y++) {
+    const row = data.subarray(step * y, step * (y + 1)), above = y ? data.subarray(step * (y - 1), step * y) : new Uint8Array(step);
     out[at++] = PAETH;
-    for (let x = 0; x < width; x++) {
+    for (let i = 0; i < step; i += 4) {
+      const [before, left] = i ? [row, above] : [pad, pad], from = i ? i - 4 : 0;
       for (let c = 0; c < size; c++) {
-        const i = 4 * (y * width + x) + c, a = x ? data[i - 4] : 0, b = y ? data[i - 4 * width] : 0, d = x && y ? data[i - 4 * width - 4] : 0;
-        const left = Math.abs(b - d), up = Math.abs(a - d), corner = Math.abs(a + b - 2 * d);
-        out[at++] = data[i] - (left <= up && left <= corner ? a : up <= corner ? b : d);
+        const a = before[from + c], b = above[i + c], d = left[from + c], p = Math.abs(b - d), q = Math.abs(a - d), r = Math.abs(a + b - 2 * d);
+        out[at++] = row[i + c] - (p <= q && p <= r ? a : q <= r ? b : d);
       }
     }
   }
   return out;
 }
 
+/** Adds pictures as PNG files, images of the textures that they are numbered by. @param {any} root @param {import('./accessors.js').Added} added
+ * @param {Map<number, import('./pictures.js').Picture>} pictures */
+export async function addImages(root, added, pictures) {
+  const files = await Promise.all([...pictures.values()].map(pngOf));
+  [...pictures.keys()].forEach((texture, n) => {
+    root.textures[texture].source = added.add('images', {mimeType: 'image/png', bufferView: added.addView(files[n])});
+  });
+}
+
 /** @param {import('./pictures.js').Picture} picture @returns {Promise<Uint8Array>} */
-export async function pngOf(picture) {
+async function pngOf(picture) {
   const {width, height, hasAlpha} = picture, header = new Uint8Array(13), view = new DataView(header.buffer);
   view.setUint32(0, width);
   view.setUint32(4, height);

@@ -74,9 +74,10 @@ export class Surface {
       const {indices, positions, field: own, material} = this.asset.units[number];
       const normal = shaded && (needsNormals || !this.isFlat(material)), tangent = hasTangents ? this.tangentsOf(number) : null;
       const count = fields.includes(own) ? indices.length : 0, uvs = isMapped ? this.atlas?.corners[number]?.uvs ?? null : null;
+      const has = {normals: normal ? this.asset.units[number].normals : null, tangents: tangent, uvs};
       for (let i = 0; i < count; i++) {
         const corner = determinant < 0 ? i - i % 3 + (3 - i % 3) % 3 : i;
-        index.push(vertices.of(number, base, corner, corners[at + corner], {normal, tangent, uvs}));
+        index.push(vertices.of(number, base, corner, corners[at + corner], has));
       }
       base += positions.length / 3;
       at += indices.length;
@@ -107,6 +108,8 @@ export class Surface {
   }
 }
 
+/** @typedef {{normals: Float32Array|null, tangents: Float32Array|null, uvs: Float32Array|null}} Corners what a unit's corners have; uvs: of an atlas */
+
 /** Vertices of a primitive: corners that agree in all are one. */
 class Vertices {
   /** @param {Surface} surface @param {{matrix: number[], linear: number[], turned: number[], mirrored: boolean}} transform */
@@ -123,20 +126,28 @@ class Vertices {
   }
 
   /** @param {number} number of the unit @param {number} base of its vertices @param {number} corner @param {number} stored
-   * @param {{normal: boolean, tangent: Float32Array|null, uvs: Float32Array|null}} has uvs: of an atlas @returns {number} the vertex of a corner */
-  of(number, base, corner, stored, {normal: hasNormal, tangent: tangents, uvs}) {
-    const {indices, normals} = this.surface.asset.units[number], vertex = indices[corner];
-    const normal = hasNormal ? normals.subarray(3 * corner, 3 * corner + 3) : [0, 0, 0], tangent = tangents ? tangents.subarray(4 * corner, 4 * corner + 4) : [0, 0, 0, 0];
-    const uv = uvs ? uvs.subarray(2 * corner, 2 * corner + 2) : [0, 0];
-    const others = this.known.get(base + vertex) ?? [];
-    const same = others.find((n) => this.stored[n] === stored && [0, 1, 2].every((k) => this.normals[3 * n + k] === normal[k]) && [0, 1, 2, 3].every((k) => this.tangents[4 * n + k] === tangent[k]) && this.uvs[2 * n] === uv[0] && this.uvs[2 * n + 1] === uv[1]);
+   * @param {Corners} has @returns {number} the vertex of a corner */
+  of(number, base, corner, stored, has) {
+    const vertex = this.surface.asset.units[number].indices[corner], others = this.known.get(base + vertex), {normals, tangents, uvs} = has;
+    const same = others?.find((n) => this.stored[n] === stored && this.agree(n, corner, has));
     if (same !== undefined) return same;
-    this.known.set(base + vertex, [...others, this.stored.length]);
+    if (others) others.push(this.stored.length);
+    else this.known.set(base + vertex, [this.stored.length]);
     this.decoded.push([number, vertex]);
-    this.normals.push(...normal);
-    this.tangents.push(...tangent);
-    this.uvs.push(...uv);
+    for (let k = 0; k < 3; k++) this.normals.push(normals ? normals[3 * corner + k] : 0);
+    for (let k = 0; k < 4; k++) this.tangents.push(tangents ? tangents[4 * corner + k] : 0);
+    for (let k = 0; k < 2; k++) this.uvs.push(uvs ? uvs[2 * corner + k] : 0);
     return this.stored.push(stored) - 1;
+  }
+
+  /** Whether a vertex has the values of a corner. @param {number} n @param {number} corner @param {Corners} has */
+  agree(n, corner, {normals, tangents, uvs}) {
+    const same = (/** @type {ArrayLike<number>} */ own, /** @type {Float32Array|null} */ of, /** @type {number} */ width) => {
+      if (!of) return true;
+      for (let k = 0; k < width; k++) if (own[width * n + k] !== of[width * corner + k]) return false;
+      return true;
+    };
+    return same(this.normals, normals, 3) && same(this.tangents, tangents, 4) && same(this.uvs, uvs, 2);
   }
 
   /** @param {boolean} hasNormals @param {boolean} hasTangents @param {boolean} hasUvs @returns {Columns} */

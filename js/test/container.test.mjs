@@ -6,6 +6,7 @@ import {readFileSync, readdirSync} from 'node:fs';
 import {test} from 'node:test';
 import {deflateSync, inflateSync} from 'node:zlib';
 
+import {Atlas} from '../src/atlas.js';
 import {expand} from '../src/gltf.js';
 import {TexfError, decode, dispose} from '../src/index.js';
 
@@ -156,6 +157,26 @@ test('a field over voxels becomes an atlas, in which no two faces overlap', asyn
     }
   }
   assert.ok(owner.size > 100);
+});
+
+test('an atlas fills its pictures together as alone, and its normals bend as the field says', async () => {
+  const maps = await decode(read('subset/maps_voxels')), [{field, indices, normals}] = maps.units, {planes, keys} = maps.fields[field], bend = [230, 60, 150];
+  planes.normal_object = {values: Uint8Array.from({length: 3 * keys.length}, (_, i) => bend[i % 3]), components: 3, offset: 0, levelShift: 0, image: null};
+  const filled = (...lists) => {
+    const atlas = new Atlas(maps, [0]), pictures = lists.map((channels) => atlas.picture(channels));
+    atlas.finish();
+    return {atlas, pictures: pictures.map(({data}) => data)};
+  };
+  const lists = [['normal', 'normal'], ['base_colour', 'base_colour', 'base_colour', 'alpha'], ['occlusion', 'roughness', 'metallic']], {atlas, pictures} = filled(...lists);
+  assert.deepEqual(pictures.map((data) => data.some((value) => value < 255)), [true, true, true]);
+  lists.forEach((channels, n) => assert.equal(Buffer.compare(filled(channels).pictures[0], pictures[n]), 0, channels.join()));
+  const {uvs, tangents} = atlas.corners[0], unitOf = (v) => v.map((value) => value / Math.hypot(...v));
+  for (let f = 0; f < indices.length; f += 3) {
+    const mean = (of, width, size) => Array.from({length: size}, (_, k) => [0, 1, 2].reduce((sum, n) => sum + of[width * (f + n) + k] / 3, 0)), [x, y] = mean(uvs, 2, 2).map((v) => Math.floor(v * atlas.side));
+    const n = unitOf(mean(normals, 3, 3)), t = unitOf(mean(tangents, 4, 3)), b = [0, 1, 2].map((k) => n[(k + 1) % 3] * t[(k + 2) % 3] - n[(k + 2) % 3] * t[(k + 1) % 3]);
+    const wanted = unitOf(n.map((value, k) => value + bend[k] / 127.5 - 1)), [u, v] = pictures[0].subarray(4 * (y * atlas.side + x));
+    for (const [axis, value] of [[t, u], [b, v]]) assert.ok(Math.abs(axis.reduce((sum, a, k) => sum + a * wanted[k], 0) - (value / 127.5 - 1)) < 0.12, `face ${f / 3}`);
+  }
 });
 
 /** Makes the primitive one without stored weights. */

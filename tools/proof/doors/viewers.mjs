@@ -3,8 +3,8 @@
 //   node tools/proof/doors/viewers.mjs babylon|playcanvas|model_viewer|cesium OUT_FOLDER SOURCE CODED
 //
 // Call it in a folder that has playwright-core, esbuild and the host: @babylonjs/core and @babylonjs/loaders, playcanvas,
-// @google/model-viewer, or cesium. Writes source.png and coded.png, from one camera, and prints what the host says of each file: names,
-// materials, animations, or why it is refused. Ends with 0 if both are equal, else 7.
+// @google/model-viewer, or cesium. Writes source.png and coded.png, from one camera, and prints what the host says of each file: seconds
+// to load and draw it, names, materials, animations, or why it is refused. Ends with 0 if both are equal, else 7.
 
 import { mkdirSync, writeFileSync } from 'node:fs';
 import { readFile } from 'node:fs/promises';
@@ -48,6 +48,7 @@ addTEXF(app);
 const camera = new pc.Entity(), lamp = new pc.Entity();
 camera.addComponent('camera', {fov: 35});
 lamp.addComponent('light', {type: 'directional', intensity: 1.5});
+app.scene.ambientLight = new pc.Color(0.4, 0.4, 0.4);
 [camera, lamp].forEach((entity) => app.root.addChild(entity));
 let box = null;
 window.drawn = async (url) => {
@@ -72,7 +73,7 @@ const WORKER = `import {expandOnThisPage} from '/js/src/expand_on_this_page.js';
 const MODEL_VIEWER = `${WORKER} await import('/node_modules/@google/model-viewer/dist/model-viewer.min.js');
 window.drawn = async (src) => {
   document.body.replaceChildren();
-  const viewer = Object.assign(document.createElement('model-viewer'), {src, cameraOrbit: '40deg 65deg 110%', style: 'width: 512px; height: 512px'});
+  const viewer = Object.assign(document.createElement('model-viewer'), {src, cameraOrbit: '40deg 65deg 110%', style: 'width: 512px; height: 512px; --progress-bar-height: 0'});
   document.body.append(viewer);
   await new Promise((resolve, reject) => { viewer.addEventListener('load', resolve); viewer.addEventListener('error', () => reject(new Error('refused'))); });
   await new Promise((resolve) => setTimeout(resolve, 3000));
@@ -117,11 +118,11 @@ await page.goto(`http://127.0.0.1:${server.address().port}/`);
 await page.waitForFunction(() => window.drawn, null, { timeout: 120000 });
 mkdirSync(out, { recursive: true });
 for (const [n, kind] of ['source', 'coded'].entries()) {
-  const answer = await page.evaluate((url) => window.drawn(url).catch((error) => ({ facts: { error: error.message } })), `/${kind}/${path.basename(files[n])}`);
+  const begin = performance.now(), answer = await page.evaluate((url) => window.drawn(url).catch((error) => ({ facts: { error: error.message } })), `/${kind}/${path.basename(files[n])}`);
   const picture = answer.shot ? await page.locator(answer.shot).screenshot() : Buffer.from((answer.picture ?? '').split(',').at(-1), 'base64');
   writeFileSync(path.join(out, `${kind}.png`), picture);
   facts.push(JSON.stringify(answer.facts));
-  console.log(kind, facts[n]);
+  console.log(kind, `${((performance.now() - begin) / 1000).toFixed(1)} s`, facts[n]);
 }
 await browser.close();
 server.close();

@@ -131,6 +131,7 @@ class PictureComparison:
         if self.lit:
             self.scene = _with_tangents(self.scene)
         self._source, self._table = pack_source(self.scene), ShadingTable(self.scene.materials)
+        self._own_lights = self._lights(self.scene)
         self._shots = [self._shot(None, VIEWS, SIZE)]
         parts = [_of_source(usual, part, len(scene.faces)) for part in small_parts(usual)]
         self._shots += [self._shot(part, PART_VIEWS, PART_SIZE) for part in parts]
@@ -139,12 +140,16 @@ class PictureComparison:
         corners = self.scene.faces if faces is None else self.scene.faces[faces]
         sphere = bounding_sphere(self.scene.positions if faces is None else self.scene.positions[corners.ravel()])
         cameras = [orthographic(fibonacci_direction(i, views), *sphere, size) for i in range(views)]
-        return _Shot(cameras, faces, self._views(self.scene, cameras, faces))
+        return _Shot(cameras, faces, self._views(self.scene, self._own_lights, cameras, faces))
 
-    def _views(self, scene, cameras, shown, source=None):
-        """Return the _Views of shown faces, bool [F], or all, by camera: in flat colours and, if there is light, in light.
-        source: of the base colour, if it is not the source's."""
-        lights, source = [None, *([Lighting(scene, table=self._table)] if self.lit else [])], source or self._source
+    def _lights(self, scene):
+        """Return how a scene is drawn: in flat colours and, if there is light, in light. All shots share its normals."""
+        return [None, *([Lighting(scene, table=self._table)] if self.lit else [])]
+
+    def _views(self, scene, lights, cameras, shown, source=None):
+        """Return the _Views of shown faces, bool [F], or all, by camera. lights: of _lights(scene); source: of the base colour,
+        if it is not the source's."""
+        source = source or self._source
         if shown is not None:
             scene = replace(scene, faces=np.where(shown[:, None], scene.faces, 0))
         first = _View(scene, cameras[0], lights, source)  # makes what all share, which two threads would make twice
@@ -158,7 +163,8 @@ class PictureComparison:
         faces[drawn.origin_face] = drawn.faces
         scene = replace(self.scene, positions=drawn.cube.to_world(drawn.lattice), faces=faces)
         wanted = None if self.scene.corner_normal is None or not self.lit else self.normals[drawn.origin_face]
-        return self._moved(lambda shot: self._views(scene, shot.cameras, shot.faces), drawn, normals, wanted, True)
+        lights = self._lights(scene)
+        return self._moved(lambda shot: self._views(scene, lights, shot.cameras, shot.faces), drawn, normals, wanted, True)
 
     def of_mesh(self, scene: Scene, surface: SentSurface, normals: np.ndarray, wanted: np.ndarray | None,
                 faces: SourceFaces) -> PictureError:
@@ -168,9 +174,10 @@ class PictureComparison:
         scene = replace(scene, materials=self.scene.materials)
         source = self._source._replace(face_material=np.ascontiguousarray(scene.face_material, np.int64),
                                        corner_uv=np.ascontiguousarray(scene.corner_uv, np.float64))
+        lights = self._lights(scene)
 
         def views(shot):
-            return self._views(scene, shot.cameras, None if shot.faces is None else shot.faces[faces], source)
+            return self._views(scene, lights, shot.cameras, None if shot.faces is None else shot.faces[faces], source)
 
         return self._moved(views, surface, normals, wanted, False)
 

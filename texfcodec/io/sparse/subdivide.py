@@ -18,6 +18,7 @@ def subdivided(positions: np.ndarray, faces: np.ndarray, values: np.ndarray, sam
     positions: float64 [V, 3]; faces: int64 [F, 3]; values: float32 [V, C], of the vertices; sample: values at points; longest:
     float64 [3], size of a voxel; most_faces: budget. Both faces at an edge see the same cut, so no crack opens.
     """
+    whole = faces[:0]  # faces of which no edge can be cut any more: a new cut is at an edge of a cut face
     for _ in range(ROUNDS):
         edges, of_face = _edges(faces, len(positions))
         a, b = edges[:, 0], edges[:, 1]
@@ -33,11 +34,12 @@ def subdivided(positions: np.ndarray, faces: np.ndarray, values: np.ndarray, sam
         more = int((at >= 0).sum())
         if not more:
             break
-        if len(faces) + more > most_faces:
-            return positions, faces, values, True
+        if len(whole) + len(faces) + more > most_faces:
+            return positions, np.concatenate([whole, faces]), values, True
         positions, values = np.concatenate([positions, middle[off]]), np.concatenate([values, between[off]])
-        faces = _cut(faces, at)
-    return positions, faces, values, False
+        is_whole = (at < 0).all(axis=1)
+        whole, faces = np.concatenate([whole, faces[is_whole]]), _cut(faces[~is_whole], at[~is_whole])
+    return positions, np.concatenate([whole, faces]), values, False
 
 
 def _edges(faces, count):
@@ -48,9 +50,9 @@ def _edges(faces, count):
 
 
 def _cut(faces, at):
-    """Faces int64 [F', 3] once edges are cut. at: int64 [F, 3], vertex at the middle of the edge after each corner, or -1."""
-    number = (at >= 0).sum(axis=1)
-    out = [faces[number == 0]]
+    """Faces int64 [F', 3] once edges are cut. at: int64 [F, 3], vertex at the middle of the edge after each corner, or -1, not
+    of all three."""
+    number, out = (at >= 0).sum(axis=1), []
     for count, pattern in ((1, _ONE), (2, _TWO), (3, _THREE)):
         some = number == count
         corners, middles = faces[some], at[some]

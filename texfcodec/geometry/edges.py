@@ -6,6 +6,7 @@ import numpy as np
 
 from ..core.components import components
 from ..core.distinct import distinct
+from ..core.last_result import last_result
 
 MOST_AT_EDGE = 8  # faces; an edge of more is none to speak of
 NORMAL_BITS = 14  # of the largest component of a normal that folds are taken from
@@ -41,6 +42,7 @@ def weld(lattice: np.ndarray) -> np.ndarray:
     return distinct(packed)[1]
 
 
+@last_result  # the fields, their contacts and the small parts ask for those of one surface
 def face_components(faces: np.ndarray) -> np.ndarray:
     """Return the number of the edge-connected component of every face: int64 [F]. faces: int64 [F, 3] over welded vertices."""
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)

@@ -93,7 +93,7 @@ def simplify(source: Mesh, lines: np.ndarray | None = None, fixed: np.ndarray | 
     middle, half = source.frame()
     positions = (source.positions - middle) / half
     whole = (source.faces != np.roll(source.faces, 1, axis=1)).all(axis=1)
-    faces = source.faces[whole]
+    faces = source.faces if whole.all() else source.faces[whole]
     ends, edge, _ = undirected(faces)
     line = line_edges(faces, lines)
     kind = vertex_kinds(faces, line, len(positions))

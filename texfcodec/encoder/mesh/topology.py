@@ -8,12 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.distinct import distinct
+from ...core.last_result import last_result
 from ...geometry.edges import joined
 from ...geometry.mesh import Mesh
 
 FREE, ON_LINE, FIXED = 0, 1, 2  # what a vertex may do: move, move along its line, stay
 
 
+@last_result  # half a dozen functions ask for those of one mesh
 def undirected(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the undirected edges of faces without equal corners: (ends int64 [E, 2], the lower first; edge of every side int64
     [F, 3], from corner i to the next; number of faces at each edge int64 [E])."""
@@ -26,10 +28,15 @@ def undirected(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def side_pairs(edge: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the two sides at each edge that two faces share: (int64 [P, 2], numbers 3 f + i of the sides; int64 [P], the
     edges). edge, count: of undirected()."""
-    sides = np.argsort(edge, axis=None, kind="stable")
     two = np.flatnonzero(count == 2)
-    first = np.cumsum(count)[two] - 2
+    first, sides = np.cumsum(count)[two] - 2, _sorted(edge)
     return np.stack([sides[first], sides[first + 1]], axis=1), two
+
+
+@last_result
+def _sorted(edge):
+    """Numbers of the sides, int64 [3 F], ascending by their edge."""
+    return np.argsort(edge, axis=None, kind="stable")
 
 
 def turned_faces(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:

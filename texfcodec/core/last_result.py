@@ -7,16 +7,16 @@ from typing import TypeVar
 
 import numpy as np
 
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
 
-def last_result(make: Callable[[np.ndarray], Made]) -> Callable[[np.ndarray], Made]:
+def last_result(make: Callable[[np.ndarray], Result]) -> Callable[[np.ndarray], Result]:
     """Decorator: a second call with the same array, which nobody changes in between, returns the result of the first. The result
     is dropped with the array, or by a call with another one. Two threads that call at once both compute."""
-    last: list[tuple[weakref.ref, Made]] = []
+    last: list[tuple[weakref.ref, Result]] = []
 
     @wraps(make)
-    def made(array: np.ndarray) -> Made:
+    def cached(array: np.ndarray) -> Result:
         for known, result in last[:1]:
             if known() is array:
                 return result
@@ -24,4 +24,4 @@ def last_result(make: Callable[[np.ndarray], Made]) -> Callable[[np.ndarray], Ma
         last[:] = [(weakref.ref(array, lambda gone: last.clear() if last and last[0][0] is gone else None), result)]
         return result
 
-    return made
+    return cached

@@ -304,11 +304,7 @@ class _Search:
         """Return the mesh of fewest faces whose distance from the source suits the error of colours, once pictures of the whole
         agree; else of twice the faces, DIRECT_TRIALS times; else the source's. Its lattice is as fine as its edges need. Small
         parts are left to the check of the stream: for the sake of a button a million faces would be sent."""
-        meshes, side = self.meshes, self.meshes.usual.cube.side
-        meshes.begin()
-        self.choice.pictures.ready()  # beside the simplification, which is one thread, as the tree of points is
-        _ = meshes.points
-        away = meshes.distances
+        meshes, side, away = self.meshes, self.meshes.usual.cube.side, self.meshes.distances
         most = DIRECT_AWAY * side * math.sqrt(self.choice.most_moved / DIRECT_MOVED)
         place = max((p for p in range(1, len(away)) if FIT_GAIN * away[p] <= most), default=0)
         while place > 0 and len(self.tried) < DIRECT_TRIALS:
@@ -375,8 +371,7 @@ class _Search:
     def _reckoned(self, here):
         """Return {place: (bytes, squared error)} predicted from one trial, here, and the distances of meshes that are not
         fitted."""
-        usual, out = self.meshes.usual, {}
-        vertices = _count_used(usual)
+        usual, out, vertices = self.meshes.usual, {}, _count_used(self.meshes.usual)
         for place, away in enumerate(self.meshes.aways):
             share = SHARES[place]
             for bits in range(COARSEST_POSITIONS, usual.cube.position_bits + 1):
@@ -478,7 +473,7 @@ class _Meshes:
         face, there = LatticeFaces(fit.face[surface.origin_face]), {name: uv[surface.origin_face] for name, uv in fit.uvs.items()}
         del fit  # pictures of a large mesh need its room
         mesh, threads = Mesh(surface.cube.to_world(surface.lattice), surface.faces), self.choice.price.threads
-        fetched = FetchedNormals(self.source, lambda: self.points, mesh, threads)
+        fetched = FetchedNormals(self.source, lambda: self._points, mesh, threads)
         sent = self._sent(surface, face, place > 0, there, fetched)
         return _MeshTrial(sent, face, self._moved.get((place, bits), lambda: self._moved_by(sent, fetched)))
 
@@ -505,6 +500,7 @@ class _Meshes:
     @property
     def distances(self) -> list[float]:
         """Roots of mean squared distances of the meshes of each share from the source before they are fitted, 0 for the first."""
+        _ = self.begin(), self._points, self.choice.pictures.ready()  # what direct() needs, beside the simplification's thread
         return [0.0, *self._distances_of(self._smaller)]
 
     def edge_at(self, place: int) -> float:
@@ -524,7 +520,7 @@ class _Meshes:
         return meshes
 
     def _distances_of(self, meshes):
-        nearest = self.points
+        nearest = self._points
 
         def away_of(mesh):
             face, bary = sample_surface(mesh.positions, mesh.faces, FEW_POINTS)
@@ -591,8 +587,7 @@ class _Meshes:
         return surface_distance(self.source, mesh, samples=DISTANCE_POINTS, threads=self.choice.price.threads).report()
 
     @property
-    def points(self) -> NearestPoints:
-        """The tree of nearest points of the source."""
+    def _points(self) -> NearestPoints:
         return self._fits.get("points", lambda: NearestPoints(self.source))
 
 

@@ -8,9 +8,10 @@ LONGEST_LINE = 2000  # a file with a longer one is a bundle, which does not coun
 
 # Folders, the deepest that holds a file counts it: the most lines of all their files together.
 BUDGETS = {
-    ("texfcodec",): 54_365,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
+    ("texfcodec",): 54_500,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
     # memory of large meshes 100, the native library 150, a GLB of texel fields without kernels 80, tilesets 200,
-    # values of generators 1,230: voxels, arrays, functions, channels at vertices, a mesh without a search
+    # values of generators 1,230: voxels, arrays, functions, channels at vertices, a mesh without a search;
+    # 55 of edges sorted once for meshes of a million faces, 80 of their GLB in half the time
     ("js", "native"): 10_680,  # 1,500 came with coded meshes of a glTF on a page, expand() and its fuzzer; 220 with its atlas,
     # 195 with vectors and threads, 20 with a shared library, 660 with textures in blocks for the card,
     # 800 with a reader of Draco's data in place of Draco's sources, 210 with a module with vectors and its heap,
@@ -21,7 +22,7 @@ BUDGETS = {
     # 115 of sparse voxels, 150 of what a file is in Blender, beside its source, 125 of viewers
     ("tools/gpu",): 3_100,  # came with fitting, frames and decoding on a GPU, whose page must be made again
     ("conformance",): 8_450,  # target 7,500; 600 are of glTF files with streams and what expands them
-    ("tests",): 42_196,  # 460 are of sparse voxels, a writer of .vxz and fuzz targets of both readers; 90 of tilesets;
+    ("tests",): 42_225,  # 460 are of sparse voxels, a writer of .vxz and fuzz targets of both readers; 90 of tilesets;
     # 55 are of time to picture and of modules, 25 of blocks in Chromium, 150 of the native library,
     # 55 of ladders and vectors made again;
     # 2,056 are of scenes, 50 of trials that end early; 2,600 came from tools/proof; target 29,000

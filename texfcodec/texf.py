@@ -84,6 +84,29 @@ class Field:
         shift = self.shifts.get(name, 0)
         return self._coarser.setdefault(shift, self.support.coarser(shift)) if shift else self.support
 
+    def joined(self, names: tuple[str, ...]) -> np.ndarray:
+        """Return the planes of some channels side by side, so that one query answers for all: [N, C].
+
+        Parameters
+        ----------
+        names : tuple of str
+            Names of channels.
+
+        Returns
+        -------
+        uint8 or float32 [N, C]
+            Cached if there are several.
+        """
+        if len(names) == 1:
+            return self.planes[names[0]]
+        if names not in self._joined:
+            self._joined[names] = np.concatenate([self.planes[name] for name in names], axis=1)
+        return self._joined[names]
+
+    @cached_property
+    def _joined(self) -> dict:
+        return {}
+
     @cached_property
     def _coarser(self) -> dict:
         return {}
@@ -334,13 +357,12 @@ class Texf:
         if self.evaluators:
             answers = split_groups(self.evaluators[number].query(self.cube, points, self.threads), self.groups)
             return {name: answers[name] for name in names}
-        texel = self._texels(points, face_index) if part.over_texels else None
-        return {name: self._ask(part.support_of(name), part.planes[name], points, texel) for name in names}
-
-    def _ask(self, support, values, points, texel):
-        if texel is not None:
-            return support.query(texel, values, self.threads)
-        return support.query(self.cube, points, values, self.threads)
+        if isinstance(part.support, TexelSupport):
+            texel = self._texels(points, face_index)
+            return {name: part.support_of(name).query(texel, part.planes[name], self.threads) for name in names}
+        values = part.support.query(self.cube, points, part.joined(tuple(names)), self.threads)
+        ends = np.cumsum([part.planes[name].shape[1] for name in names])
+        return dict(zip(names, map(np.ascontiguousarray, np.split(values, ends[:-1], axis=1)), strict=True))
 
     def nearest_face(self, points: np.ndarray) -> np.ndarray:
         """Return the index of the face nearest to each point.

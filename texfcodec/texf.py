@@ -85,18 +85,7 @@ class Field:
         return self._coarser.setdefault(shift, self.support.coarser(shift)) if shift else self.support
 
     def joined(self, names: tuple[str, ...]) -> np.ndarray:
-        """Return the planes of some channels side by side, so that one query answers for all: [N, C].
-
-        Parameters
-        ----------
-        names : tuple of str
-            Names of channels.
-
-        Returns
-        -------
-        uint8 or float32 [N, C]
-            Cached if there are several.
-        """
+        """Return the planes of some channels side by side, so that one query answers for all: uint8 or float32 [N, C]."""
         if len(names) == 1:
             return self.planes[names[0]]
         if names not in self._joined:
@@ -357,12 +346,17 @@ class Texf:
         if self.evaluators:
             answers = split_groups(self.evaluators[number].query(self.cube, points, self.threads), self.groups)
             return {name: answers[name] for name in names}
-        if isinstance(part.support, TexelSupport):
-            texel = self._texels(points, face_index)
-            return {name: part.support_of(name).query(texel, part.planes[name], self.threads) for name in names}
-        values = part.support.query(self.cube, points, part.joined(tuple(names)), self.threads)
+        texel = self._texels(points, face_index) if part.over_texels else None
+        if part.over_texels or any(part.shifts.get(name, 0) for name in names):
+            return {name: self._ask(part.support_of(name), part.planes[name], points, texel) for name in names}
+        values = self._ask(part.support, part.joined(tuple(names)), points, None)
         ends = np.cumsum([part.planes[name].shape[1] for name in names])
         return dict(zip(names, map(np.ascontiguousarray, np.split(values, ends[:-1], axis=1)), strict=True))
+
+    def _ask(self, support, values, points, texel):
+        if texel is not None:
+            return support.query(texel, values, self.threads)
+        return support.query(self.cube, points, values, self.threads)
 
     def nearest_face(self, points: np.ndarray) -> np.ndarray:
         """Return the index of the face nearest to each point.

@@ -79,8 +79,8 @@ def _apart(half, vertex, corner_uv):
     (left, right), (left_end, right_end) = half, _after(half)
     same = vertex[left] == vertex[right]
     apart = np.zeros(len(left), bool)
-    for one, other in ((left, np.where(same, right, right_end)), (left_end, np.where(same, right_end, right))):
-        off = uv[one] - uv[other]
+    for here, there in ((left, np.where(same, right, right_end)), (left_end, np.where(same, right_end, right))):
+        off = uv[here] - uv[there]
         apart |= (np.abs(off.real) > 1e-9) | (np.abs(off.imag) > 1e-9)
     return apart
 

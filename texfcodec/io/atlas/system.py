@@ -230,8 +230,8 @@ def _surface_points(x, y, face, texels, faces, positions):
 
 @kernel
 def _scan(texels, faces, fineness, top, owner):
-    """Write which of some faces is at each point of a grid to owner. fineness: points along a texel; top: first row. Points outside all faces
-    stay -1. Bounds: rows and columns are clipped to owner before they index it."""
+    """Write which of some faces is at each point of a grid to owner. fineness: points along a texel; top: first row. Points
+    outside all faces stay -1. Bounds: rows and columns are clipped to owner before they index it."""
     height, width = owner.shape
     for f in faces:
         ax, ay = texels[f, 0, 0] * fineness, texels[f, 0, 1] * fineness - top

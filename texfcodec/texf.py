@@ -84,6 +84,18 @@ class Field:
         shift = self.shifts.get(name, 0)
         return self._coarser.setdefault(shift, self.support.coarser(shift)) if shift else self.support
 
+    def joined(self, names: tuple[str, ...]) -> np.ndarray:
+        """Return the planes of some channels side by side, so that one query answers for all: uint8 or float32 [N, C]."""
+        if len(names) == 1:
+            return self.planes[names[0]]
+        if names not in self._joined:
+            self._joined[names] = np.concatenate([self.planes[name] for name in names], axis=1)
+        return self._joined[names]
+
+    @cached_property
+    def _joined(self) -> dict:
+        return {}
+
     @cached_property
     def _coarser(self) -> dict:
         return {}
@@ -335,7 +347,11 @@ class Texf:
             answers = split_groups(self.evaluators[number].query(self.cube, points, self.threads), self.groups)
             return {name: answers[name] for name in names}
         texel = self._texels(points, face_index) if part.over_texels else None
-        return {name: self._ask(part.support_of(name), part.planes[name], points, texel) for name in names}
+        if part.over_texels or any(part.shifts.get(name, 0) for name in names):
+            return {name: self._ask(part.support_of(name), part.planes[name], points, texel) for name in names}
+        values = self._ask(part.support, part.joined(tuple(names)), points, None)
+        ends = np.cumsum([part.planes[name].shape[1] for name in names])
+        return dict(zip(names, map(np.ascontiguousarray, np.split(values, ends[:-1], axis=1)), strict=True))
 
     def _ask(self, support, values, points, texel):
         if texel is not None:

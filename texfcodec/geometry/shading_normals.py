@@ -26,13 +26,18 @@ class Fans:
 
     def __init__(self, lattice: np.ndarray, faces: np.ndarray) -> None:
         self.vertex = weld(lattice)[faces].ravel()
-        self.unit, self.area, self._angle = np.empty((len(faces), 3)), np.empty(len(faces)), np.empty(3 * len(faces))
+        self.unit, self.area, self._mesh = np.empty((len(faces), 3)), np.empty(len(faces)), (lattice, faces)
         for some in _blocks(len(faces)):
             corners = lattice[faces[some]].astype(np.float64)
             normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             area = self.area[some] = np.linalg.norm(normal, axis=1)
             self.unit[some] = normal / np.where(area > 0, area, 1.0)[:, None]
-            self._angle[3 * some.start : 3 * some.stop] = _corner_angles(corners)
+
+    @cached_property
+    def _angle(self):
+        lattice, faces = self._mesh
+        corners = (lattice[faces[some]].astype(np.float64) for some in _blocks(len(faces)))
+        return np.concatenate([np.zeros(0), *map(_corner_angles, corners)])
 
     def weights(self, weight: int) -> np.ndarray:
         """Return the weight of each corner in the mean of normals at its vertex, float64 [3 F]. weight: AREA of the face, ANGLE
@@ -79,21 +84,27 @@ class Fans:
         """Return for each chosen corner the weighted mean of the face normals in its set, float32 [N, 3] of length 1. sets:
         int64 [3 F] below 3 F, of joined(); the corners of a set share a vertex. weight: as in weights(); chosen: int64 [N],
         corners 3 f + c."""
-        weights, face = self.weights(weight), np.arange(len(sets)) // 3
-        parts = [np.bincount(sets, weights * self.unit[face, k], len(sets)) for k in range(3)]  # in the order of the corners
-        total = np.stack([*parts, np.bincount(sets, weights, len(sets))], axis=1)
+        weights = self.weights(weight)
+        parts = [np.bincount(sets, weights * np.repeat(self.unit[:, k], 3)) for k in range(3)]  # in the order of the corners
+        total = np.stack([*parts, np.bincount(sets, weights)], axis=1)
         return self._rounded(total, sets[chosen], chosen)
 
     def _rounded(self, total, sets, chosen):
         """Unit vectors of the sums [S, 4] of the sets of chosen corners. If a sum cancels, the face's own normal; if that is
         zero, z."""
-        out = np.empty((len(chosen), 3), np.float32)
-        for some in _blocks(len(chosen)):
-            summed = total[sets[some]]
-            clear = np.linalg.norm(summed[:, :3], axis=1) > _CANCELLED * summed[:, 3]
-            direction = _unit(np.where(clear[:, None], summed[:, :3], self.unit[chosen[some] // 3]))
-            out[some] = _unit(np.rint(direction * STEPS))
+        clear = np.linalg.norm(total[:, :3], axis=1) > _CANCELLED * total[:, 3]
+        out = _stepped(total[:, :3])[sets]
+        unclear = np.flatnonzero(~clear[sets])
+        out[unclear] = _stepped(self.unit, chosen[unclear] // 3)
         return out
+
+
+def _stepped(vectors, chosen=None):
+    """Chosen vectors [N, 3], of None all, as unit vectors in steps of STEPS, float32 [n, 3]."""
+    out = np.empty((len(vectors) if chosen is None else len(chosen), 3), np.float32)
+    for some in _blocks(len(out)):
+        out[some] = _unit(np.rint(_unit(vectors[some if chosen is None else chosen[some]]) * STEPS))
+    return out
 
 
 def _blocks(count):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
@@ -72,11 +73,12 @@ def saved_materials_of(texf: Texf, held: tuple[str, ...] | None = None, at_verti
     that the format has, each in its own image, or None for glTF; at_vertices: whether colours at vertices may replace an image
     that shows no more."""
     skins, face_skin = skins_of(texf)
-    of_face = np.column_stack([texf.face_material, face_skin, _says_nothing(texf)])
-    kinds, face_row = np.unique(of_face, axis=0, return_inverse=True)
-    face_row = face_row.reshape(-1)
+    size = (max(len(texf.materials), 1), len(skins) + 1, 2)
+    kind = np.ravel_multi_index((texf.face_material, face_skin, _says_nothing(texf).astype(np.int64)), size)
+    count = np.bincount(kind, minlength=math.prod(size))
+    kinds, face_row = np.flatnonzero(count), (np.cumsum(count > 0) - 1)[kind]
     rows = []
-    for row, (number, skin, flat) in enumerate(kinds.tolist()):
+    for row, (number, skin, flat) in enumerate(np.column_stack(np.unravel_index(kinds, size)).tolist()):
         faces = np.flatnonzero(face_row == row)
         saved = _saved_material(texf, number, skin, skins[skin], faces, held)
         if flat:

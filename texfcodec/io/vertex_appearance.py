@@ -20,15 +20,29 @@ def unique_corners(*keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     keys: integer [N] each. Returns (first int64 [U]: a corner of each merged vertex; index int64 [N]: merged vertex of each
     corner).
     """
-    order = np.lexsort(keys[::-1])
+    order = np.lexsort(keys[1::-1])  # most corners at a vertex agree in the other keys too: few are sorted by them
+    new = _differ(keys[:2], order)
+    run = np.cumsum(new) - 1
+    mixed = np.zeros(len(order), bool)
+    mixed[run[_differ(keys[2:], order) & ~new]] = True
+    some = np.flatnonzero(mixed[run])
+    part = order[some]
+    part = part[np.lexsort([*(key[part] for key in keys[:1:-1]), run[some]])]
+    order[some] = part
+    new[some] |= _differ(keys[2:], part)
+    index = np.empty(len(order), np.int64)
+    index[order] = np.cumsum(new) - 1
+    return order[new], index
+
+
+def _differ(keys, order):
+    """Return whether each corner differs from the one before it in any key, bool [n]; the first does. order: int64 [n]."""
     new = np.zeros(len(order), bool)
     new[:1] = True
     for key in keys:
         ranked = key[order]
         new[1:] |= ranked[1:] != ranked[:-1]
-    index = np.empty(len(order), np.int64)
-    index[order] = np.cumsum(new) - 1
-    return order[new], index
+    return new
 
 
 def vertex_colours(texf: Texf, with_material: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -24,7 +24,7 @@ def continue_over_borders(image: np.ndarray, system: AtlasSystem) -> np.ndarray:
     image: uint8 [H, W, C], with its covered texels baked. Borders on sharp edges of the surface are skipped. Returns whether each
     texel was filled, bool [H, W]."""
     half, ends = system.borders
-    level = (system.normals[half[0] // 3] * system.normals[half[1] // 3]).sum(axis=1) > LEVEL
+    level = (system.normals(half[0] // 3) * system.normals(half[1] // 3)).sum(axis=1) > LEVEL
     half, ends = half[:, level], np.ascontiguousarray(ends[:, level])
     nearness = np.full(system.owner.shape, np.inf, np.float32)
     third = system.texels[half // 3, (half % 3 + 2) % 3]

@@ -35,18 +35,21 @@ def grow_charts(points: np.ndarray, faces: np.ndarray, groups: np.ndarray,
     stamp, depth = np.full((_GRID, _GRID), -1, np.int64), np.zeros((_GRID, _GRID), np.float32)
     chart, flat = np.full(len(faces), -1, np.int64), np.zeros((len(faces), 3, 2))
     limit = np.full(len(faces), min(float(largest), _GRID - 8.0))
-    first = 0  # chart numbers are never used twice: the stamps of earlier rounds stay
+    first, extents = 0, np.zeros((0, 2))  # chart numbers are never used twice: the stamps of earlier rounds stay
+    again, turned = np.ones(len(faces), bool), np.zeros_like(flat)
     for round_ in range(_ROUNDS):
         _grow(points, faces, groups, normals, smooth, frames, order, ahead, behind, stamp, depth, limit, first, chart, flat)
-        numbers, dense = np.unique(chart, return_inverse=True)
-        turned, extent = upright(flat, dense, len(numbers))
+        turned[again], extent = upright(flat[again], chart[again] - first, int(chart.max()) + 1 - first)
+        extents = np.concatenate([extents, extent])
+        filled = np.bincount(chart) > 0
+        dense, extent = (np.cumsum(filled) - 1)[chart], extents[filled]
         hollow = _is_hollow(turned, dense, extent)
         if round_ == _ROUNDS - 1 or not hollow.any():
             break
         first, again = int(chart.max()) + 1, hollow[dense]
         limit[again] = 0.5 * extent[dense[again]].max(1)
         chart[again] = -1
-    stretch = _stretch(turned, dense, areas, len(numbers))
+    stretch = _stretch(turned, dense, areas, len(extent))
     return turned * stretch[dense, None, None], dense, extent * stretch[:, None]
 
 

@@ -35,44 +35,48 @@ class AtlasMaps:
     def image(self, packed: tuple[str, ...]) -> np.ndarray:
         """Return the atlas image of the channels that share it, uint8 [H, W, 3], or [H, W, 4] if one is in alpha. packed: an
         entry of packed_images_of()."""
-        values = {}
-        for name in packed:
-            channel = channel_over(name, planar=True)
-            sample = self._normal_function(name) if channel.unit == "degrees" else self._channel_function(name)
-            values[name] = self.system.fitted(sample, channel.components, threads=self.texf.threads)
+        counts = [channel_over(name, planar=True).components for name in packed]
+        fitted = self.system.fitted(self._function(packed), sum(counts), threads=self.texf.threads)
+        values = dict(zip(packed, np.split(fitted, np.cumsum(counts)[:-1], axis=1), strict=True))
         image = np.zeros((self.atlas.height, self.atlas.width, 4), np.uint8)
         image[self.system.covered] = packed_texels(values)
         image = image if any(3 in BY_NAME[name].columns for name in packed) else np.ascontiguousarray(image[..., :3])
         fill_uncovered(image, self.system.covered)
         return image
 
-    def _channel_function(self, name):
-        """Function (points float64 [M, 3], face int64 [M] of the atlas) -> values [M, C]; 255 if a field lacks the channel."""
-        channel = channel_over(name, planar=False)
+    def _function(self, packed):
+        """Function (points float64 [M, 3], face int64 [M] of the atlas) -> values of the channels of an image [M, C]."""
+        channels = [channel_over(name, planar=False) for name in packed]
 
         def sample(points, face):
-            out = np.full((len(points), channel.components), 255, np.float32)
-            for number in np.unique(self._which[face]).tolist():
-                chosen = np.flatnonzero(self._which[face] == number)
-                if channel.name in self.texf.fields[number].planes:
-                    mesh_faces = self.faces[face[chosen]]
-                    out[chosen] = self.texf.query_planes(number, (channel.name,), points[chosen], mesh_faces)[channel.name]
-            return out
+            values = self._values(channels, points, face)
+            for number, name in enumerate(packed):
+                if channel_over(name, planar=True).unit == "degrees":
+                    values[number] = self._turned(points, face, values[number])
+            return values[0] if len(values) == 1 else np.concatenate(values, axis=1)
 
         return sample
 
-    def _normal_function(self, name):
-        """Function like that of _channel_function(), for x and y of normals in the atlas's tangent space, float32 [M, 2] in
-        0..255."""
-        sample, normals, tangents = self._channel_function(name), self.normal, self._tangent
+    def _values(self, channels, points, face):
+        """Values of channels, a list of float32 [M, C]; 255 if a field lacks the channel."""
+        out = [np.full((len(points), channel.components), 255, np.float32) for channel in channels]
+        which = self._which[face]
+        for number in np.flatnonzero(np.bincount(which)).tolist():
+            names = [channel.name for channel in channels if channel.name in self.texf.fields[number].planes]
+            if names:
+                chosen = np.flatnonzero(which == number)
+                answers = self.texf.query_planes(number, names, points[chosen], self.faces[face[chosen]])
+                for channel, values in zip(channels, out, strict=True):
+                    if channel.name in answers:
+                        values[chosen] = answers[channel.name]
+        return out
+
+    def _turned(self, points, face, offsets):
+        """x and y of normals in the atlas's tangent space, float32 [M, 2] in 0..255. offsets: values of the channel."""
+        normals, tangents, xy = self.normal, self._tangent, np.empty((len(points), 2), np.float32)
         assert normals is not None and tangents is not None, "a normal map needs the normals of its corners"
-
-        def ask_normal(points, face):
-            xy = np.empty((len(points), 2), np.float32)
-            _in_tangent_space(points, face, self._corners, normals, tangents, sample(points, face), xy)
-            return xy
-
-        return ask_normal
+        _in_tangent_space(points, face, self._corners, normals, tangents, offsets, xy)
+        return xy
 
 
 @kernel

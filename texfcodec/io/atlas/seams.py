@@ -38,40 +38,63 @@ def border_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray
     """Return the edges that two faces share and that are at two places of the images: (half-edges of both sides, int64 [2, n],
     number 3 f + i from corner i of face f to the next; their UVs, float64 [2, n, 2, 2], the same vertex first on both sides). If
     more than two faces share an edge, each is paired with the next."""
-    half, ends = _shared_edges(positions, faces, corner_uv)
-    apart = _apart(ends) | (face_image[half[0] // 3] != face_image[half[1] // 3])
-    return half[:, apart], ends[:, apart]
+    return split_edges(positions, faces, corner_uv, face_image)[:2]
 
 
-def inner_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray) -> np.ndarray:
-    """Return the edges inside the charts, at which two faces meet in the image too: pairs of half-edges int64 [2, n], numbered as
-    by border_edges(). Arguments are as there; all faces are in one image."""
-    half, ends = _shared_edges(positions, faces, corner_uv)
-    return half[:, ~_apart(ends)]
+def split_edges(positions: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray,
+                face_image: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (the two results of border_edges(); the edges inside the charts, at which two faces meet in the image too: pairs of
+    half-edges int64 [2, m], in any order)."""
+    first, rank = _welded(positions)
+    half = _shared_edges(first[faces])
+    apart = _apart(half, first[faces.ravel()], corner_uv) | (face_image[half[0] // 3] != face_image[half[1] // 3])
+    border, corner_rank = half[:, apart], rank[faces].ravel()
+    start, end = corner_rank[border], corner_rank[_after(border)]
+    order = np.lexsort((np.maximum(start, end)[0], np.minimum(start, end)[0]))
+    border, backwards = border[:, order], (start > end)[:, order, None, None]
+    uv = corner_uv.reshape(-1, 2)
+    ends = np.stack([uv[border], uv[_after(border)]], axis=2)
+    return border, np.where(backwards, ends[:, :, ::-1], ends), half[:, ~apart]
 
 
-def _shared_edges(positions, faces, corner_uv):
-    """All pairs of half-edges that share an edge of the surface, and their UVs, as in border_edges()."""
-    vertex = _welded(positions)[faces]
+def _shared_edges(vertex):
+    """All pairs of half-edges that share an edge of the surface, int64 [2, n]. vertex: int64 [F, 3], welded."""
     start, end = vertex.ravel(), np.roll(vertex, -1, axis=1).ravel()
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    order = np.lexsort((high, low))
-    shared = (low[order[1:]] == low[order[:-1]]) & (high[order[1:]] == high[order[:-1]]) & (low[order[1:]] != high[order[1:]])
-    half = np.stack([order[:-1][shared], order[1:][shared]])
-    face, corner = half // 3, half % 3
-    ends = np.stack([corner_uv[face, corner], corner_uv[face, (corner + 1) % 3]], axis=2)
-    return half, np.where((start > end)[half][..., None, None], ends[:, :, ::-1], ends)
+    edge = np.minimum(start, end) << 32 | np.maximum(start, end)
+    edge[start == end] = -1
+    order = np.argsort(edge, kind="stable")  # quick, because neighbours in a mesh have neighbouring numbers
+    edge = edge[order]
+    shared = (edge[1:] == edge[:-1]) & (edge[1:] >= 0)
+    return np.stack([order[:-1][shared], order[1:][shared]])
 
 
-def _apart(ends):
-    return (np.abs(ends[0] - ends[1]) > 1e-9).any(axis=(1, 2))
+def _after(half):
+    """The next half-edge of the same face."""
+    return half + np.where(half % 3 == 2, -2, 1)
+
+
+def _apart(half, vertex, corner_uv):
+    """Return whether the ends of each pair of half-edges are at two places of the image, bool [n]. vertex: int64 [3 F]."""
+    uv = np.ascontiguousarray(corner_uv).reshape(-1, 2).view(np.complex128)[:, 0]
+    (left, right), (left_end, right_end) = half, _after(half)
+    same = vertex[left] == vertex[right]
+    apart = np.zeros(len(left), bool)
+    for here, there in ((left, np.where(same, right, right_end)), (left_end, np.where(same, right_end, right))):
+        off = uv[here] - uv[there]
+        apart |= (np.abs(off.real) > 1e-9) | (np.abs(off.imag) > 1e-9)
+    return apart
 
 
 def _welded(positions):
-    """Number of each vertex, int64 [V]; vertices with equal positions share a number."""
-    if not len(positions):
-        return np.zeros(0, np.int64)
-    return np.unique(np.asarray(positions), axis=0, return_inverse=True)[1].reshape(-1)
+    """(The first vertex at the position of each vertex, int64 [V]; the rank of the position by x, y and z, int64 [V])."""
+    positions = np.asarray(positions)
+    order = np.lexsort(positions.T[::-1])
+    fresh = np.ones(len(order), bool)
+    fresh[1:] = (positions[order[1:]] != positions[order[:-1]]).any(axis=1)
+    first, rank = np.empty((2, len(order)), np.int64)
+    rank[order] = np.cumsum(fresh) - 1
+    first[order] = order[fresh][rank[order]]
+    return first, rank
 
 
 def _points_along(image, ends, sizes):

@@ -16,7 +16,7 @@ from ...core.components import components
 from ...core.kernel import kernel
 from ...core.threads import in_order
 from ...field.texel_cover import nearest_on_triangle, span_in_band
-from .seams import border_edges, inner_edges
+from .seams import split_edges
 from .unwrap import Atlas
 
 BLOCK = 1 << 18  # points sampled of the field at once: about 20 MB in flight, for each of a few blocks
@@ -46,29 +46,34 @@ class AtlasSystem:
         self._number[self.covered] = np.arange(np.count_nonzero(self.covered), dtype=np.int32)
         self._matrix: np.ndarray | None = None
 
-    @cached_property
+    @property
     def borders(self) -> tuple[np.ndarray, np.ndarray]:
         """Edges between charts on the surface, as of seams.border_edges(), with ends in texels."""
-        faces, positions = self._mesh
-        return border_edges(positions, faces, self.texels, np.zeros(len(faces), np.int64))
+        return self._edges[:2]
 
-    @cached_property
-    def normals(self) -> np.ndarray:
-        """Unit normals of the faces, float64 [F, 3]; 0 without area."""
-        faces, positions = self._mesh
-        corner = (positions / max(np.abs(positions).max(initial=0.0), 1e-300))[faces]  # no square overflows or vanishes
-        corner -= corner[:1, :1].copy()
-        corner /= max(np.abs(corner).max(initial=0.0), 1e-30)
-        cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        length = np.linalg.norm(cross, axis=1, keepdims=True)
-        return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
-
-    @cached_property
+    @property
     def charts(self) -> np.ndarray:
         """Chart number of each face, int64 [F]."""
+        return self._edges[2]
+
+    @cached_property
+    def _edges(self):
         faces, positions = self._mesh
-        half = inner_edges(positions, faces, self.texels) // 3
-        return components(len(faces), half[0], half[1])
+        half, ends, inner = split_edges(positions, faces, self.texels, np.zeros(len(faces), np.int64))
+        return half, ends, components(len(faces), inner[0] // 3, inner[1] // 3)
+
+    def normals(self, chosen: np.ndarray) -> np.ndarray:
+        """Return unit normals of the chosen faces, float64 [n, 3]; 0 without area. chosen: int64 [n]."""
+        faces, positions = self._mesh
+        used = np.zeros(len(positions), bool)
+        used[faces] = True
+        points = positions / max(np.abs(positions).max(initial=0.0), 1e-300)  # no square overflows or vanishes
+        points -= points[faces.ravel()[:1]].sum(axis=0)
+        points /= max(np.abs(points[used]).max(initial=0.0), 1e-30)
+        a, b, c = (points[faces[chosen, k]] for k in range(3))
+        cross = np.cross(b - a, c - a)
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
 
     def at_centres(self, sample: FieldFunction, channels: int) -> np.ndarray:
         """Return the field's values at the centre of every covered texel, row by row: float32 [n, channels]. sample: the field;
@@ -132,18 +137,35 @@ class AtlasSystem:
 
     def _sample_blocks(self):
         """Functions that return at most about BLOCK sample points each: (x, y float64 [M] in texels, face int64 [M])."""
-        height, width = self.owner.shape
-        rows = max(BLOCK // (width * SAMPLES * SAMPLES), 1)
+        height, rows = len(self.owner), self._rows
         ends = np.linalg.norm(np.subtract(*self.borders[1].reshape(-1, 2, 2).swapaxes(0, 1)), axis=1)
         done = np.concatenate([[0], np.cumsum(np.ceil(ends * BORDER_SAMPLES).astype(np.int64))])
-        return [*(partial(self._samples, top, rows) for top in range(0, height, rows)),
+        return [*(partial(self._samples, top) for top in range(0, height, rows)),
                 *(partial(self._border_samples, done, first) for first in range(0, int(done[-1]), BLOCK))]
 
-    def _samples(self, top, rows):
-        """Sample points of some rows of texels. top: first row; rows: their number."""
+    @property
+    def _rows(self):
+        """Number of rows of texels whose sample points are a block."""
+        return max(BLOCK // (self.owner.shape[1] * SAMPLES * SAMPLES), 1)
+
+    @cached_property
+    def _faces_of_blocks(self):
+        """(Faces that may cross each block of rows, ascending, block by block, int32 [n]; where each block begins, int64)."""
+        last = (len(self.owner) - 1) // self._rows
+        row = self.texels[..., 1] / self._rows
+        top, bottom = (np.clip(edge, 0, last).astype(np.int16) for edge in (row.min(axis=1), row.max(axis=1)))
+        count = bottom - top + np.int64(1)
+        face = np.repeat(np.arange(len(top), dtype=np.int32), count)
+        block = top[face] + (np.arange(len(face)) - np.repeat(np.cumsum(count) - count, count)).astype(np.int16)
+        return face[np.argsort(block, kind="stable")], np.append(0, np.cumsum(np.bincount(block, minlength=last + 1)))
+
+    def _samples(self, top):
+        """Sample points of a block of rows of texels. top: first row."""
         height, width = self.owner.shape
-        owner = np.full((min(rows, height - top) * SAMPLES, width * SAMPLES), -1, np.int32)
-        _scan(self.texels, SAMPLES, top * SAMPLES, owner)
+        owner = np.full((min(self._rows, height - top) * SAMPLES, width * SAMPLES), -1, np.int32)
+        face, start = self._faces_of_blocks
+        block = top // self._rows
+        _scan(self.texels, face[start[block] : start[block + 1]], SAMPLES, top * SAMPLES, owner)
         row, column = np.nonzero(owner >= 0)
         return (column + 0.5) / SAMPLES, (row + 0.5) / SAMPLES + top, owner[row, column].astype(np.int64)
 
@@ -207,11 +229,11 @@ def _surface_points(x, y, face, texels, faces, positions):
 
 
 @kernel
-def _scan(texels, fineness, top, owner):
-    """Write the face at each point of a grid to owner. fineness: points along a texel; top: first row. Points outside all faces
-    stay -1. Bounds: rows and columns are clipped to owner before they index it."""
+def _scan(texels, faces, fineness, top, owner):
+    """Write which of some faces is at each point of a grid to owner. fineness: points along a texel; top: first row. Points
+    outside all faces stay -1. Bounds: rows and columns are clipped to owner before they index it."""
     height, width = owner.shape
-    for f in range(texels.shape[0]):
+    for f in faces:
         ax, ay = texels[f, 0, 0] * fineness, texels[f, 0, 1] * fineness - top
         bx, by = texels[f, 1, 0] * fineness, texels[f, 1, 1] * fineness - top
         cx, cy = texels[f, 2, 0] * fineness, texels[f, 2, 1] * fineness - top

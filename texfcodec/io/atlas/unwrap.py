@@ -91,9 +91,10 @@ def _checked_mesh(positions, faces):
 def _unit_points(positions, faces):
     """Used positions moved and scaled into the unit cube, safe from 1e-300 to 1e300; unused positions become 0."""
     points = np.zeros_like(positions)
-    used = np.unique(faces)
-    if len(used) == 0:
+    if len(faces) == 0:
         return points
+    used = np.zeros(len(positions), bool)
+    used[faces] = True
     low, high = positions[used].min(0), positions[used].max(0)
     half = float((high * 0.5 - low * 0.5).max()) if np.isfinite(high).all() else 0.0  # the whole may be too much for a float
     if half > 0:

@@ -58,6 +58,19 @@ def test_a_smooth_sheet_is_sent_with_fewer_faces_and_looks_the_same(smaller):
     assert here > there - 0.5
 
 
+@pytest.mark.parametrize("effort", ["fast", "balanced"])
+def test_a_large_mesh_without_images_is_taken_without_a_search(monkeypatch, effort):
+    monkeypatch.setattr("texfcodec.encoder.mesh.choice.LARGE", 2 * (SIDE - 1) ** 2)
+    scene = bowl()
+    colour = np.ones((len(scene.positions), 4), np.float32)
+    colour[:, :3] = (0.5 + 0.2 * np.sin(5 * scene.positions[:, :2].sum(axis=1)))[:, None]
+    scene.textures, scene.materials, scene.corner_color = [], [Material()], colour[scene.faces]
+    result = encoded(scene, effort=effort)
+    mesh = result.choices["mesh"]
+    assert mesh["reason"] == "the fewest faces that suit the error of colours" and len(mesh["tried"]) <= 3
+    assert len(decode(result.data).faces) == mesh["faces"][1] < 0.5 * mesh["faces"][0]
+
+
 def test_facets_stay_facets():
     """Of a file whose normals are those of its faces a smaller mesh has the normals of its own, and theirs are compared."""
     scene, options = bowl(48), EncodeOptions(rate="r03")

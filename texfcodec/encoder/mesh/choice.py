@@ -157,9 +157,9 @@ class MeshChoice:
 
     @property
     def is_direct(self) -> bool:
-        """True if the mesh is chosen by direct() instead of the search: effort "fast", no image, and at least LARGE faces, as
-        generators make them."""
-        return self.request.effort == "fast" and not self.scene.textures and len(self.usual.faces) >= LARGE
+        """True if the mesh is chosen by direct() instead of the search: no image, and at least LARGE faces, as generators make
+        them, whose smallest parts the search would keep at any price."""
+        return not self.scene.textures and len(self.usual.faces) >= LARGE
 
     @cached_property
     def pictures(self) -> PictureComparison:

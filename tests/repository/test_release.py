@@ -4,8 +4,10 @@ import gzip
 import io
 import json
 import re
+import shutil
 import tarfile
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,7 @@ from test_house import tracked_files
 import texfcodec
 from texfcodec.io.load import load
 from tools.release import npm_package, parts_list, try_wheel
+from tools.release.add_ons import pack_add_ons
 from tools.release.make_release import _keep_what_is_the_same, _write_sums
 from tools.release.same_bytes import normalised_tar
 from tools.release.wheel_contents import DESCRIPTION, faults_of_contents
@@ -194,3 +197,12 @@ def test_no_module_imports_what_only_extras_bring():
     found = [path.relative_to(REPOSITORY).as_posix() for path in (REPOSITORY / "texfcodec").rglob("*.py")
              if re.search(r"^\s*(from|import) (scipy|rtree|networkx|lxml|imageio)\b", path.read_text(encoding="utf-8"), re.M)]
     assert found == []
+
+
+def test_add_ons_become_the_same_zips_whenever_their_files_were_written(tmp_path):
+    later = tmp_path / "tree" / "integrations"
+    shutil.copytree(REPOSITORY / "integrations", later)  # with times of its own
+    one, other = pack_add_ons(REPOSITORY, tmp_path / "one"), pack_add_ons(later.parent, tmp_path / "other")
+    assert [path.name for path in one] == ["texf-blender.zip", "texf-comfyui.zip"]
+    assert [path.read_bytes() for path in one] == [path.read_bytes() for path in other]
+    assert zipfile.ZipFile(one[0]).read("blender_manifest.toml") and zipfile.ZipFile(one[1]).read("texf/__init__.py")

@@ -1,5 +1,5 @@
 """Everything that is published of the last commit: sdist, wheel, wheels of single platforms with the native library, npm package,
-list of parts (SBOM) and SHA-256 sums.
+add-ons, list of parts (SBOM) and SHA-256 sums.
 
 Each archive is built twice, in two clean copies, and must come out the same byte for byte. What is not committed is not in it.
 
@@ -15,6 +15,7 @@ import tempfile
 import zipfile
 from pathlib import Path
 
+from tools.release.add_ons import pack_add_ons
 from tools.release.clean_copy import REPOSITORY, changed_files, commit_and_time, copy_commit, run
 from tools.release.npm_package import pack, try_package
 from tools.release.parts_list import environment_of, list_of_parts
@@ -63,6 +64,7 @@ def make(commit: str, seconds: int, work: Path, out: Path, *, with_npm: bool, wi
         packed = _keep_what_is_the_same([[path] for path in pack(copies, work / "npm")], out)
         try_package(packed[0], work / "npm_try")
         archives += packed
+    archives += _keep_what_is_the_same([pack_add_ons(copy, work / "add_ons" / str(n)) for n, copy in enumerate(copies)], out)
     _say("list of parts, of an environment with the wheel")
     parts = out / f"{wheel.name.rsplit('-', 3)[0]}.cdx.json"
     parts.write_text(list_of_parts(environment_of(wheel, work / "environment"), copies[0] / "pyproject.toml", seconds),

@@ -1,6 +1,6 @@
 """Compare a coded file with its source in Blender: names, transforms, materials, animation and a picture of each.
 
-Run by a Python that has bpy and texfcodec's dependencies, after make -C tools blender-addon:
+Run by a Python that has bpy and texfcodec's dependencies, after make -C tools add-ons:
 
     BLENDER_USER_RESOURCES=out/blender python tools/proof/doors/blender.py out/texf-blender.zip out/doors SOURCE CODED PLAIN ...
 

@@ -1,9 +1,8 @@
 """Holds the promise that a stream of version 1 or later decodes to the same values for ever: conformance/promise.json names the
-streams and has two SHA-256 of each, of its bytes and of what it decodes to.
+streams and has two SHA-256 of each, of its bytes and of what it decodes to. conformance/run.py decodes them.
 
     python conformance/make/promise.py            # exit 7 with the names of those that changed, vanished or were never promised
     python conformance/make/promise.py --add      # promises what is new; what was promised before stays as it is
-    python conformance/make/promise.py --anew     # begins again, which is allowed while version 1 is a candidate
 """
 
 import hashlib
@@ -15,7 +14,6 @@ from texfcodec.bitstream.syntax import VERSION
 
 HOME = Path(__file__).resolve().parents[1]
 LIST = "promise.json"
-CANDIDATE = True  # the changelog says why a list began again
 
 
 def promised(home=HOME):
@@ -44,10 +42,8 @@ def broken(old, new):
             yield f"{name} {'is another stream' if new[name][0] != hashes[0] else 'decodes to other values'}"
 
 
-def renewed(old, new, anew=False, candidate=CANDIDATE):
+def renewed(old, new):
     """The list with all that is new. Raises ValueError where a promise is broken."""
-    if anew and candidate:
-        return new
     faults = list(broken(old, new))
     if faults:
         raise ValueError("; ".join(faults))
@@ -62,7 +58,7 @@ def main(arguments):
         print("\n".join(faults or [f"{len(old)} streams of version {VERSION} as promised"]))
         return 7 if faults else 0
     try:
-        promise = renewed(old, new, arguments == ["--anew"])
+        promise = renewed(old, new)
     except ValueError as error:
         print(error)
         return 7

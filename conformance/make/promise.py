@@ -1,5 +1,6 @@
 """Holds the promise that a stream of version 1 or later decodes to the same values for ever: conformance/promise.json names the
-streams and has two SHA-256 of each, of its bytes and of what it decodes to. conformance/run.py decodes them.
+streams, and the glTF files with streams, and has two SHA-256 of each: of its bytes, and of what it decodes or expands to.
+conformance/run.py and run_containers.py decode them.
 
     python conformance/make/promise.py            # exit 7 with the names of those that changed, vanished or were never promised
     python conformance/make/promise.py --add      # promises what is new; what was promised before stays as it is
@@ -23,13 +24,18 @@ def promised(home=HOME):
 
 
 def current(home=HOME):
-    """The same of the vectors that are there; streams that are refused promise nothing."""
-    out = {}
+    """The same of the vectors that are there; what is refused promises nothing."""
+    out, digest = {}, lambda text: hashlib.sha256(text).hexdigest()
+    for path in sorted(home.glob("container/*/expected.json")):
+        primitives = json.loads(path.read_text(encoding="utf-8")).get("primitives")
+        if primitives is not None:
+            texts = [path.with_name("in.glb").read_bytes(), json.dumps(primitives, sort_keys=True).encode()]
+            out[path.parent.relative_to(home).as_posix()] = [digest(text) for text in texts]
     for path in sorted(home.glob("*/*/case.json")):
         case = json.loads(path.read_text(encoding="utf-8"))
         if "lods" in case:
             texts = [path.with_name("in.texf").read_bytes(), json.dumps(case["lods"], sort_keys=True).encode()]
-            out[path.parent.relative_to(home).as_posix()] = [hashlib.sha256(text).hexdigest() for text in texts]
+            out[path.parent.relative_to(home).as_posix()] = [digest(text) for text in texts]
     return out
 
 

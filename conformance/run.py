@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-KINDS = ("subset", "uncommon", "faulty", "whole")
+KINDS = ("subset", "uncommon", "faulty", "real")
 # A limit is the decoder's own (clause 10): one that has none finds the same stream invalid.
 EXIT_CODES = {"invalid": (3,), "unsupported": (5,), "limit": (6, 3)}
 
@@ -160,7 +160,7 @@ def main():
     parser.add_argument("--decoder", help="command, called as <command> IN.texf OUT_DIR [--lod L]; default: our own")
     parser.add_argument("--queries", action="store_true", help="the command knows --queries FILE (clause 8.2)")
     parser.add_argument("--seconds", type=float, default=600, help="time that a command has for one stream (default 600)")
-    parser.add_argument("--home", type=Path, default=HERE, help="folder of other cases, as conformance.make.whole makes them")
+    parser.add_argument("--home", type=Path, default=HERE, help="folder of other cases, with folders of the same names")
     parser.add_argument("cases", nargs="*", metavar="CASE", help="parts of the paths of the cases to run (default all)")
     arguments = parser.parse_args()
     folders = cases(arguments.cases, arguments.home)

@@ -1,9 +1,9 @@
 """Holds the promise that a stream of version 1 or later decodes to the same values for ever: conformance/promise.json names the
-streams and has two SHA-256 of each, of its bytes and of what it decodes to.
+streams, and the glTF files with streams, and has two SHA-256 of each: of its bytes, and of what it decodes or expands to.
+conformance/run.py and run_containers.py decode them.
 
     python conformance/make/promise.py            # exit 7 with the names of those that changed, vanished or were never promised
     python conformance/make/promise.py --add      # promises what is new; what was promised before stays as it is
-    python conformance/make/promise.py --anew     # begins again, which is allowed while version 1 is a candidate
 """
 
 import hashlib
@@ -15,7 +15,6 @@ from texfcodec.bitstream.syntax import VERSION
 
 HOME = Path(__file__).resolve().parents[1]
 LIST = "promise.json"
-CANDIDATE = True  # the changelog says why a list began again
 
 
 def promised(home=HOME):
@@ -25,13 +24,18 @@ def promised(home=HOME):
 
 
 def current(home=HOME):
-    """The same of the vectors that are there; streams that are refused promise nothing."""
-    out = {}
+    """The same of the vectors that are there; what is refused promises nothing."""
+    out, digest = {}, lambda text: hashlib.sha256(text).hexdigest()
+    for path in sorted(home.glob("container/*/expected.json")):
+        primitives = json.loads(path.read_text(encoding="utf-8")).get("primitives")
+        if primitives is not None:
+            texts = [path.with_name("in.glb").read_bytes(), json.dumps(primitives, sort_keys=True).encode()]
+            out[path.parent.relative_to(home).as_posix()] = [digest(text) for text in texts]
     for path in sorted(home.glob("*/*/case.json")):
         case = json.loads(path.read_text(encoding="utf-8"))
         if "lods" in case:
             texts = [path.with_name("in.texf").read_bytes(), json.dumps(case["lods"], sort_keys=True).encode()]
-            out[path.parent.relative_to(home).as_posix()] = [hashlib.sha256(text).hexdigest() for text in texts]
+            out[path.parent.relative_to(home).as_posix()] = [digest(text) for text in texts]
     return out
 
 
@@ -44,10 +48,8 @@ def broken(old, new):
             yield f"{name} {'is another stream' if new[name][0] != hashes[0] else 'decodes to other values'}"
 
 
-def renewed(old, new, anew=False, candidate=CANDIDATE):
+def renewed(old, new):
     """The list with all that is new. Raises ValueError where a promise is broken."""
-    if anew and candidate:
-        return new
     faults = list(broken(old, new))
     if faults:
         raise ValueError("; ".join(faults))
@@ -62,7 +64,7 @@ def main(arguments):
         print("\n".join(faults or [f"{len(old)} streams of version {VERSION} as promised"]))
         return 7 if faults else 0
     try:
-        promise = renewed(old, new, arguments == ["--anew"])
+        promise = renewed(old, new)
     except ValueError as error:
         print(error)
         return 7

@@ -287,7 +287,8 @@ def test_claim_that_a_vector_does_not_keep_is_caught(name, claim):
 
 
 def test_the_encoder_makes_the_everyday_vectors_again_whatever_the_machine():
-    """Byte for byte, from their sources; where an encoder is to write other bytes, conformance/make renews them."""
+    """Byte for byte, from their sources. Where an encoder is to write other bytes, its rows of conformance/make get new names,
+    and the old vectors stay as they are promised."""
     rows = subset()
     assert len(rows) > 10
     assert [name for name, _, _, data, _ in rows if (VECTORS / "subset" / name / "in.texf").read_bytes() != data] == []

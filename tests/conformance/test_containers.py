@@ -27,6 +27,19 @@ def test_a_vector_holds_what_it_claims(name):
     assert unkept(case["claims"], (HOME / name / "in.glb").read_bytes()) == []
 
 
+@pytest.mark.parametrize("name", GOOD)
+def test_objects_of_the_extension_have_the_properties_of_its_schema(name):
+    schema = json.loads((HOME.parents[1] / "docs" / "guide" / "TEXF_stream.schema.json").read_text(encoding="utf-8"))["$defs"]
+    root = tree_of((HOME / name / "in.glb").read_bytes())
+    objects = {"document": [root], "primitive": [p for mesh in root["meshes"] for p in mesh["primitives"]],
+               **{kind: root.get(f"{kind}s", []) for kind in ("scene", "texture", "bufferView")}}
+    coded = [(schema[kind], entry["extensions"]["TEXF_stream"]) for kind, entries in objects.items() for entry in entries
+             if "TEXF_stream" in entry.get("extensions", {})]
+    assert len(coded) >= 2
+    for definition, entry in coded:
+        assert {*definition.get("required", [])} <= entry.keys() <= definition.get("properties", {}).keys()
+
+
 @pytest.mark.parametrize("name", [name for name in GOOD if name != "voxels"])  # which takes an atlas each time
 def test_a_vector_without_any_one_of_its_properties_is_expanded_or_refused(name):
     data = (HOME / name / "in.glb").read_bytes()

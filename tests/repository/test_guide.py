@@ -18,7 +18,8 @@ COMMANDS = {"texf-enc": enc.enc, "texf-dec": dec.dec, "texf-info": info.info, "t
             "texf-eval": eval.evaluate, "texf-validate": validate.validate, "texf-view": view.view}
 FLAG = re.compile(r"--[a-z][a-z-]*[a-z]")
 # Flags of other programs: tools/bench/ (--out), conformance/run.py, tools/proof.
-OTHER_FLAGS = {"--out", "--max", "--decoder", "--queries", "--home", "--light", "--alike", "--averaged", "--pair", "--config"}
+OTHER_FLAGS = {"--out", "--max", "--decoder", "--queries", "--home", "--light", "--alike", "--averaged", "--pair", "--config",
+               "--advise", "--max-vertices", "--screenshot", "--anti-alias"}  # of version 0.9, which from_0_9.md names
 PAGES = [pages.README, *pages.guide_pages()]
 FRONT = ("README.md", "CONTRIBUTING.md", "SECURITY.md", "js/README.md", "conformance/README.md")
 LINKING = [*(REPOSITORY / name for name in FRONT), *sorted((REPOSITORY / "docs").rglob("*.md"))]

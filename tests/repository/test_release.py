@@ -15,7 +15,7 @@ from test_house import tracked_files
 
 import texfcodec
 from texfcodec.io.load import load
-from tools.release import npm_package, parts_list, try_wheel
+from tools.release import npm_package, parts_list, public_streams, try_wheel
 from tools.release.add_ons import pack_add_ons
 from tools.release.make_release import _keep_what_is_the_same, _write_sums
 from tools.release.same_bytes import normalised_tar
@@ -206,3 +206,33 @@ def test_add_ons_become_the_same_zips_whenever_their_files_were_written(tmp_path
     assert [path.name for path in one] == ["texf-blender.zip", "texf-comfyui.zip"]
     assert [path.read_bytes() for path in one] == [path.read_bytes() for path in other]
     assert zipfile.ZipFile(one[0]).read("blender_manifest.toml") and zipfile.ZipFile(one[1]).read("texf/__init__.py")
+
+
+# Streams of public models.
+
+
+def test_streams_of_public_models_are_listed_by_hashes_alone():
+    listed = public_streams.read_list()
+    hashes = [*listed, *(values for _, values in listed.values())]
+    assert len(listed) >= 100 and all(re.fullmatch(r"[0-9a-f]{64}", value) for value in hashes)
+
+
+def test_a_listed_stream_matches_differs_or_is_absent(tmp_path, monkeypatch, capsys):
+    vectors = {name: (REPOSITORY / "conformance" / name / "in.texf").read_bytes()
+               for name in ("subset/k2", "subset/texels", "uncommon/empty", "faulty/version")}
+    for name, data in vectors.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / f"{name}.texf").write_bytes(data)
+    monkeypatch.setattr(public_streams, "LIST", tmp_path / "list.json")
+    streams = public_streams.streams_below(tmp_path)
+    newer = next(key for key, path in streams.items() if path.stem == "version")
+    good = {key: [path.stem, public_streams.decoded_hash(path.read_bytes())] for key, path in streams.items() if key != newer}
+    for change, code, line in (({}, 0, "3 matched, 0 differing, 0 absent, of 3 listed"),
+                               ({"0" * 64: ["gone", "0"]}, 0, "3 matched, 0 differing, 1 absent, of 4 listed"),
+                               ({next(iter(good)): ["other", "0"]}, 7, "2 matched, 1 differing, 0 absent, of 3 listed"),
+                               ({newer: ["of another version", "0"]}, 7, "3 matched, 1 differing")):
+        public_streams.LIST.write_text(json.dumps(good | change))
+        assert public_streams.main([str(tmp_path)]) == code and line in capsys.readouterr().out
+    assert public_streams.main([str(tmp_path / "subset" / "none")]) == 7
+    sizes = [streams[key].stat().st_size for key in public_streams.chosen(streams, 3)]
+    assert len(sizes) == 3 and sizes[0] == len(vectors["faulty/version"])

@@ -124,8 +124,8 @@ def pose_of(choices: dict) -> tuple[tuple[float, ...], str | None] | None:
 
 
 def limit_flags(*names: str, option: Callable = click.option) -> Callable[[Callable], Callable]:
-    """Return a decorator that adds --limit NAME=N for the named fields of Limits, and the hidden flags --max-NAME of version
-    0.9. limits_of() reads their values. option: click.option, or that of an OptionGroup."""
+    """Return a decorator that adds --limit NAME=N for the named fields of Limits, whose values limits_of() reads. option:
+    click.option, or that of an OptionGroup."""
     shown = [f"{name.replace('_', '-')}={getattr(Limits(), name)}" for name in names]
     lines = [f"{text:{max(map(len, shown))}}  {_LIMIT_TEXT[name]}".rstrip() for text, name in zip(shown, names, strict=True)]
     text = "Limit NAME to N; 0 for no limit. May be repeated.\n\n\b\n[default:\n" + "\n".join(lines) + "]"
@@ -139,21 +139,13 @@ def limit_flags(*names: str, option: Callable = click.option) -> Callable[[Calla
                 raise click.BadParameter(f"{word!r} must be {name}=N with an integer N of at most {_LIMIT_DIGITS} digits.")
         return given
 
-    def decorate(function):
-        for name in reversed(names):
-            flag = "--max-" + name.replace("_", "-")
-            function = option(flag, "max_" + name, hidden=True, metavar="N", **number(0, 10**_LIMIT_DIGITS - 1))(function)
-        return option("--limit", multiple=True, metavar="NAME=N", callback=check, help=text)(function)
-
-    return decorate
+    return option("--limit", multiple=True, metavar="NAME=N", callback=check, help=text)
 
 
 def limits_of(choices: dict) -> Limits:
-    """Take the values of the flags of limit_flags() out of choices (all flags by name) and return them as Limits."""
-    old = {name: choices.pop(f"max_{name}") for name in Limits.__dataclass_fields__ if f"max_{name}" in choices}
+    """Take the values of the flag of limit_flags() out of choices (all flags by name) and return them as Limits."""
     pairs = (word.split("=") for word in choices.pop("limit"))
-    new = {name.replace("-", "_"): int(count) for name, count in pairs}
-    return Limits(**{name: count for name, count in old.items() if count is not None} | new)
+    return Limits(**{name.replace("-", "_"): int(count) for name, count in pairs})
 
 
 def report_flags(quiet: str = "Print only errors: no progress, warnings or summary.", *,

@@ -201,9 +201,9 @@ class Case:
 
 
 def cases_of():
-    """Every vector that does not ask for a limit, at every level of detail that it has."""
+    """Every small vector that does not ask for a limit, at every level of detail that it has."""
     cases = []
-    for path in sorted(VECTORS.glob("*/*/case.json")):
+    for path in sorted({*VECTORS.glob("*/*/case.json")} - {*VECTORS.glob("real/*/case.json")}):  # hours for the reference
         case_json, data = json.loads(path.read_text(encoding="utf-8")), (path.parent / "in.texf").read_bytes()
         name = f"{path.parent.parent.name}/{path.parent.name}"
         if case_json.get("expect") != "limit":

@@ -231,7 +231,7 @@ struct Field {
 };
 
 struct GeometryUnit {
-  u32 field = 0, material = 0;
+  u64 field = 0, material = 0;
   u64 vertices = 0, faces = 0;
   bool planar = false;
   i32 uv_origin[2] = {0, 0};

@@ -103,6 +103,10 @@ class Reader {
     return found;
   }
   Bytes rest() { return take(left(), "rest"); }
+  u64 count_of(const char* name, u64 count, u64 least) {  // of elements of at least so many bytes each, all of which are there
+    if (count * least > left()) fail(S02, std::string(name) + ": the bytes end before the last of " + decimal(count));
+    return count;
+  }
   u64 number(int size, const char* name, u64 low, u64 high) {
     Bytes bytes = take(size, name);
     u64 value = 0;
@@ -198,7 +202,8 @@ std::vector<Unit> units_of(Bytes data) {
   Reader reader({data.data + 8, data.size - 8});
   std::vector<Unit> units{read_unit(reader)};
   require(units[0].type == HEADER, S07, "the first unit is not the sequence header");
-  if (units[0].payload.size > 0 && units[0].payload.data[0] != 1) fail(U04, "version is " + decimal(units[0].payload.data[0]));
+  require(units[0].payload.size > 0, S02, "the sequence header is empty");
+  if (units[0].payload.data[0] != 1) fail(U04, "version is " + decimal(units[0].payload.data[0]));
   int last = HEADER;
   bool there[256] = {true};
   while (last != END) {
@@ -243,9 +248,9 @@ Counts read_header(Reader& reader, Asset& asset) {
   counts.materials = reader.v("num_materials", 0, 65536);
   counts.fields = reader.v("num_fields", 0, 256);
   counts.geometry = reader.v("num_geometry_units", 0, 1 << 24);
-  asset.groups.resize(reader.registry("num_channel_groups", 1, 23));
+  asset.groups.resize(reader.count_of("channel_groups", reader.registry("num_channel_groups", 1, 23), 3));
   for (ChannelGroup& group : asset.groups) {
-    group.semantics.resize(reader.u8_("num_semantics", 1, 3));
+    group.semantics.resize(reader.count_of("group_semantics", reader.u8_("num_semantics", 1, 3), 1));
     for (u8& semantic : group.semantics) semantic = reader.registry("group_semantics", 0, 22);
     group.components = reader.u8_("group_components", 1, 3);
   }
@@ -289,19 +294,28 @@ Material read_material(Reader& reader) {
     material.normal_angle = reader.u8_("normal_angle", 0, 180);
   }
   material.channels = Reader::known(reader.v("material_channels"), "material_channels", (1 << 23) - 1);
-  material.parameters.resize(reader.registry("num_parameters", 0, 27));
+  material.parameters.resize(reader.count_of("parameters", reader.registry("num_parameters", 0, 27), 5));
   for (Parameter& parameter : material.parameters) {
     parameter.id = reader.registry("parameter_id", 0, 26);
     parameter.value = parameter_default(parameter.id);
     for (float& value : parameter.value) value = reader.f32("parameter_value");
   }
+  return material;
+}
+
+void check_material(const Material& material) {
   require(!(material.channels & ~NAMEABLE), S04, "material_channels has a bit of 0, 1, 3 or 11");
   for (size_t i = 0; i < material.parameters.size(); i++) {
     const Parameter& parameter = material.parameters[i];
     require(i == 0 || parameter.id > material.parameters[i - 1].id, S04, "parameter_id does not ascend");
     require(parameter.value != parameter_default(parameter.id), S04, "a parameter is its default");
   }
-  return material;
+}
+
+void read_materials(Reader& reader, Asset& asset, u64 count) {
+  reader.count_of("materials", count, 5);
+  while (asset.materials.size() < count) asset.materials.push_back(read_material(reader));
+  for (const Material& material : asset.materials) check_material(material);
 }
 
 // ---- 5.5, 5.6
@@ -328,11 +342,14 @@ Field read_field(Reader& reader) {
 
 GeometryUnit read_geometry(Reader& reader, const Asset& asset) {
   GeometryUnit unit;
-  unit.field = u32(reader.v("field_index"));
-  unit.material = u32(reader.v("material_index"));
+  unit.field = reader.v("field_index");
+  unit.material = reader.v("material_index");
   unit.vertices = reader.v("unit_vertices", 3);
   unit.faces = reader.v("unit_faces", 1);
-  require(unit.field < asset.fields.size(), S09, "a geometry unit names a field that is not there");
+  if (unit.field >= asset.fields.size()) {  // step 5 refuses it
+    reader.rest();
+    return unit;
+  }
   unit.planar = asset.fields[unit.field].planar;
   if (unit.planar) {
     for (i32& o : unit.uv_origin) o = reader.i32_("uv_origin", -33554431, 33554431);
@@ -367,22 +384,23 @@ void read_raht(Reader& reader, AttributeUnit& unit, const Field& field) {
   if (unit.planar) unit.planar_transform = reader.registry("planar_transform", 0, 1);
   if (unit.planar && unit.num_models > 0) unit.dct_blocks = reader.registry("dct_blocks", 0, 1);
   if (count > 1) unit.component_cross = reader.u8_("component_cross", 0, 16);
-  int num_filters = reader.u8_("num_filters", 0, 3);
+  u64 num_filters = reader.count_of("filters", reader.u8_("num_filters", 0, 3), 2);
   while (num_filters-- > 0) read_filter(reader, unit);
   unit.residual = reader.u8_("residual", 0, 128);
   for (int c = 0; c < count && unit.residual > 0; c++) unit.residual_cross[c] = reader.u8_("residual_cross", 0, 16);
   for (int c = 0; c < count; c++) unit.root_mean[c] = reader.i32_("root_mean", -1048576, 1048576);
-  unit.slice_level = reader.u8_("slice_level", 0, 12);
+  unit.slice_level = reader.u8_("slice_level", 0, std::min(12, std::max(0, unit.depth - 1)));
   u64 num_slices = unit.slice_level > 0 ? reader.v("num_slices", 1, 64) : 1;
+  reader.count_of("slice_step", num_slices - 1, 1);
   unit.slice_first = {0};
   while (unit.slice_first.size() < num_slices) unit.slice_first.push_back(unit.slice_first.back() + reader.v("slice_step", 1));
   int level_index = reader.u8_("level_index", 0, 1);
   require(count == 3 || unit.colour_transform == 0, S04, "colour_transform without three components");
   require(unit.kernel[0] >= 1, S04, "kernel[0] is 0");
   require(unit.depth > 0 || unit.residual == 0, S04, "residual where there are no levels");
-  require(unit.slice_level == 0 || unit.slice_level < unit.depth, S04, "slice_level is not less than Depth");
   std::vector<u64> lengths;
-  for (u64 n = 0; n < (unit.depth == 0 ? 0 : unit.slice_level > 0 ? 1 + num_slices : 1); n++) {
+  u64 num_codewords = reader.count_of("codewords", unit.depth == 0 ? 0 : unit.slice_level > 0 ? 1 + num_slices : 1, 1);
+  for (u64 n = 0; n < num_codewords; n++) {
     lengths.push_back(reader.v("codeword_length"));
     int levels = unit.slice_level == 0 ? unit.depth : n == 0 ? unit.slice_level : unit.depth - unit.slice_level;
     while (level_index && levels-- > 0) reader.v("level_bytes");
@@ -403,7 +421,7 @@ void read_neural(Reader& reader, AttributeUnit& unit, const Asset& asset, u64 nu
   unit.first_wave = reader.u16_("first_wave", 1, 16384);
   std::vector<int> hidden(reader.u8_("num_hidden", 1, 4));
   for (int& width : hidden) width = reader.u8_("hidden_width", 1, 128);
-  unit.levels.resize(reader.u8_("num_levels", 1, 4));
+  unit.levels.resize(reader.count_of("latent_levels", reader.u8_("num_levels", 1, 4), 5));
   u64 latents = 0;
   for (LatentLevel& level : unit.levels) {
     level.resolution = reader.u16_("level_resolution", 1, 8192);
@@ -452,7 +470,6 @@ AttributeUnit read_attribute(Reader& reader, const Asset& asset, u64 num_fields)
   } else if (unit.codec == CONSTANT) {
     for (int c = 0; c < unit.components; c++) unit.plane_value[c] = reader.u8_("plane_value");
   } else {
-    require(unit.field == 0 && unit.group == 0, S11, "a 3DNTC unit is not that of field 0 and group 0");
     read_neural(reader, unit, asset, num_fields);
   }
   return unit;
@@ -469,6 +486,7 @@ void check_units(const Asset& asset, const Counts& counts) {
   u32 all_used = 0, there = 0;
   for (size_t i = 0; i < asset.fields.size(); i++) require(asset.fields[i].index == i, S11, "field_index does not count up from 0");
   for (const GeometryUnit& unit : asset.units) {
+    require(unit.field < asset.fields.size(), S09, "a geometry unit names a field that is not there");
     require(unit.material < asset.materials.size(), S09, "a geometry unit names a material that is not there");
     u32 named = asset.materials[unit.material].channels;
     if (!unit.planar) named = (named & ~(1u << 2 | 1u << 10)) | (named >> 2 & 1) << 3 | (named >> 10 & 1) << 11;
@@ -485,6 +503,7 @@ void check_units(const Asset& asset, const Counts& counts) {
   for (const Field& field : asset.fields) planar = planar || field.planar;
   if (neural) {
     require(asset.attributes.size() == 1, S11, "attribute units beside one of 3DNTC");
+    require(asset.attributes[0].field == 0 && asset.attributes[0].group == 0, S11, "a 3DNTC unit is not that of field 0 and group 0");
     require(!planar, S13, "3DNTC with a field over texels");
   } else {
     size_t next = 0;
@@ -522,7 +541,7 @@ std::unique_ptr<Asset> read_stream(const u8* data, size_t size, const texf_limit
       case HEADER: counts = read_header(reader, asset); break;
       case MATERIALS:
         materials = true;
-        for (u64 i = 0; i < counts.materials; i++) asset.materials.push_back(read_material(reader));
+        read_materials(reader, asset, counts.materials);
         break;
       case FIELD:
         asset.fields.push_back(read_field(reader));

@@ -38,7 +38,7 @@ using Row = std::array<i64, 17>;
 std::vector<Row> rows_of(const Asset& asset, int columns, i64 only_field) {
   std::vector<Row> rows;
   for (const GeometryUnit& unit : asset.units)
-    for (size_t f = 0; (only_field < 0 || unit.field == only_field) && f < unit.num_faces(); f++) {
+    for (size_t f = 0; (only_field < 0 || i64(unit.field) == only_field) && f < unit.num_faces(); f++) {
       Row least{};
       for (int turn = 0; turn < 3; turn++) {
         Row row{};

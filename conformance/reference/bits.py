@@ -5,6 +5,7 @@ import struct
 import zlib
 
 MAGIC = bytes.fromhex("895458460D0A1A0A")
+ONE_AT_MOST, END, ANCILLARY = (0, 1, 128, 129, 130), 5, 128  # unit types
 
 
 class Invalid(Exception):
@@ -44,6 +45,11 @@ class Reader:
 
     def ended(self):
         return self.at == len(self.data)
+
+    def count_of(self, name, count, least):
+        """A count of elements of at least so many bytes each, all of which the bytes that are left have to hold (4.3)."""
+        require(count * least <= len(self.data) - self.at, f"{name}: {count} of at least {least} bytes do not fit")
+        return count
 
     def number(self, size, name, low, high, signed=False):
         value = int.from_bytes(self.take(size, name), "little", signed=signed)
@@ -94,19 +100,31 @@ class Reader:
 
 
 def units_of(data):
-    """Clause 5.2: the list of (type, payload) of a stream, framing and checksums checked, order not yet."""
+    """Steps 1 to 3 of 9.2: the list of (type, payload) of a stream."""
     require(data[:8] == MAGIC, "the stream does not begin with the eight bytes of 5.1")
     reader, units = Reader(data), []
     reader.take(8, "magic")
-    while not units or units[-1][0] != 5:
+    while not units or units[-1][0] != END:
         start = reader.at
         unit_type = reader.u8("unit_type")
         payload = reader.take(reader.v("unit_length"), "payload")
         crc = zlib.crc32(data[start : reader.at])
         require(reader.u32("unit_crc") == crc, f"the checksum of unit {len(units)} (type {unit_type}) does not match")
+        check_place(unit_type, payload, {before for before, _ in units})
         units.append((unit_type, payload))
-        require(units[0][0] == 0, "the first unit is no sequence header")
-        if units[0][1][:1] not in (b"", b"\1"):
-            raise Unsupported(f"version {units[0][1][0]}")
+    require(units[-1][1] == b"", "the end unit has a payload")
     require(reader.ended(), "bytes follow the end unit")
     return units
+
+
+def check_place(unit_type, payload, before):
+    """Clause 5.2: whether a unit may stand behind those of the types before it; of the first one, the version."""
+    if not before:
+        require(unit_type == 0, "the first unit is no sequence header")
+        require(payload, "the sequence header is empty")
+        if payload[0] != 1:
+            raise Unsupported(f"version {payload[0]}")
+    require(unit_type not in ONE_AT_MOST or unit_type not in before, f"a second unit of type {unit_type}")
+    if END < unit_type < ANCILLARY:
+        raise Unsupported(f"critical unit of type {unit_type}")
+    require(unit_type > END or all(unit_type >= other or other > END for other in before), "units are out of order")

@@ -22,7 +22,7 @@ from conformance.reference.bits import Invalid, Unsupported, require, units_of
 from conformance.reference.edges import decode_marks, marked_edges
 from conformance.reference.neural import Neural, coarse_values, latent_keys
 from conformance.reference.normals import decode_normals
-from conformance.reference.syntax import CONSTANT, NEURAL, TEXELS, read_stream
+from conformance.reference.syntax import CONSTANT, NEURAL, TEXELS, check_draco_start, read_stream
 from conformance.reference.texels import referenced_texels, whole_number
 from conformance.reference.voxels import active_voxels
 
@@ -73,6 +73,7 @@ def triangles_of_field(units, index, of="lattice"):
 
 def decode_geometry(unit, position_bits):
     """Clause 5.6: lattice positions, UVs and faces as lists of integer tuples."""
+    check_draco_start(unit)
     try:
         mesh = DracoPy.decode(unit["draco_data"])
         found = {(a["attribute_type"], a["data_type"], a["num_components"]): a["data"].tolist() for a in mesh.attributes}

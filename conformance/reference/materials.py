@@ -20,7 +20,8 @@ DEFAULTS = [
 
 def read_channel_group(reader):
     """Clause 5.3.1; possible: the numbers of components that its semantics allow."""
-    semantics = [known("group_semantics", reader.u8("group_semantics"), 22) for _ in range(reader.u8("num_semantics", 1, 3))]
+    semantics = [known("group_semantics", reader.u8("group_semantics"), 22)
+                 for _ in range(reader.count_of("group_semantics", reader.u8("num_semantics", 1, 3), 1))]
     grey = {1} if len(semantics) == 1 and semantics[0] in COLOURED else set()
     return {"semantics": semantics, "components": reader.u8("group_components", 1, 3),
             "possible": grey | {sum(COMPONENTS[semantic] for semantic in semantics)}}
@@ -37,17 +38,26 @@ def read_material(reader):
     if material["flags"] & 2 == 0:
         material["normal_rule"] = known("normal_rule", reader.u8("normal_rule"), 6)
         material["normal_angle"] = reader.u8("normal_angle", 0, 180)
-    named = known("material_channels", reader.v("material_channels"), 2**23 - 1)
-    require(named & ~NAMEABLE == 0, f"material_channels is {named:#x}")
-    material["channels"] = {semantic for semantic in range(23) if named >> semantic & 1}
-    material["parameters"], last = {}, -1
-    for _ in range(known("num_parameters", reader.u8("num_parameters"), len(DEFAULTS))):
-        number = known("parameter_id", reader.u8("parameter_id"), len(DEFAULTS) - 1)
-        value = [reader.f32("parameter_value") for _ in DEFAULTS[number]]
-        require(number > last, "parameter_id does not grow")
-        require(value != DEFAULTS[number], f"parameter {number} is the default")
-        material["parameters"][number], last = value, number
+    material["named"] = known("material_channels", reader.v("material_channels"), 2**23 - 1)
+    material["channels"] = {semantic for semantic in range(23) if material["named"] >> semantic & 1}
+    num_parameters = known("num_parameters", reader.u8("num_parameters"), len(DEFAULTS))
+    material["listed"] = [read_parameter(reader) for _ in range(reader.count_of("parameters", num_parameters, 5))]
+    material["parameters"] = dict(material["listed"])
     return material
+
+
+def read_parameter(reader):
+    """Clause 5.4.2: number and values."""
+    number = known("parameter_id", reader.u8("parameter_id"), len(DEFAULTS) - 1)
+    return number, [reader.f32("parameter_value") for _ in DEFAULTS[number]]
+
+
+def check_material(material):
+    """The rules of 5.4.1 and 5.4.2 on what read_material() has read."""
+    require(material["named"] & ~NAMEABLE == 0, f"material_channels is {material['named']:#x}")
+    numbers = [number for number, _ in material["listed"]]
+    require(all(a < b for a, b in zip(numbers, numbers[1:], strict=False)), "parameter_id does not grow")
+    require(all(value != DEFAULTS[number] for number, value in material["listed"]), "a parameter is its default")
 
 
 def channels_on(material, support):

@@ -3,7 +3,7 @@
 import struct
 
 from conformance.reference.bits import Reader, Unsupported, known, require
-from conformance.reference.materials import check_appearance, needed_groups, read_channel_group, read_material
+from conformance.reference.materials import check_appearance, check_material, needed_groups, read_channel_group, read_material
 
 HEADER, MATERIALS, FIELD, GEOMETRY, ATTRIBUTE, END, METADATA, SHARP_EDGES, CODED_NORMALS = 0, 1, 2, 3, 4, 5, 128, 129, 130
 VOXELS, TEXELS = 0, 1  # support
@@ -20,7 +20,8 @@ def read_header(reader):
     header["num_fields"] = reader.v("num_fields", high=256)
     header["num_geometry_units"] = reader.v("num_geometry_units", high=16777216)
     header["num_channel_groups"] = known("num_channel_groups", reader.u8("num_channel_groups", 1), 23)
-    header["channel_groups"] = [read_channel_group(reader) for _ in range(header["num_channel_groups"])]
+    num_groups = reader.count_of("channel_groups", header["num_channel_groups"], 3)
+    header["channel_groups"] = [read_channel_group(reader) for _ in range(num_groups)]
     semantics = [semantic for group in header["channel_groups"] for semantic in group["semantics"]]
     require(len(semantics) == len(set(semantics)), "two channels have the same group_semantics")
     for group in header["channel_groups"]:
@@ -31,13 +32,15 @@ def read_header(reader):
 
 def read_materials(reader, header):
     """Clause 5.4."""
-    return [read_material(reader) for _ in range(header["num_materials"])]
+    materials = [read_material(reader) for _ in range(reader.count_of("materials", header["num_materials"], 5))]
+    for material in materials:
+        check_material(material)
+    return materials
 
 
-def read_field(reader, expected_index):
+def read_field(reader):
     """Clause 5.5."""
-    require(reader.v("field_index") == expected_index, "field_index does not count up from 0")
-    field = {"support": known("support", reader.u8("support"), 1)}
+    field = {"field_index": reader.v("field_index"), "support": known("support", reader.u8("support"), 1)}
     if field["support"] == VOXELS:
         field |= {"resolution": reader.u16("resolution", 1, 8192), "area_threshold": reader.u16("area_threshold")}
     else:
@@ -49,37 +52,38 @@ def read_field(reader, expected_index):
     return field
 
 
-def read_geometry(reader, header, fields):
-    """Clause 5.6: the elements and what can be said of draco_data without decoding it."""
-    unit = {
-        "field_index": reader.v("field_index", high=header["num_fields"] - 1),
-        "material_index": reader.v("material_index", high=header["num_materials"] - 1),
-        "unit_vertices": reader.v("unit_vertices", low=3),
-        "unit_faces": reader.v("unit_faces", low=1),
-    }
+def read_geometry(reader, fields):
+    """Clause 5.6; no more than the counts where the field is not there, which step 5 of 9.2 refuses."""
+    unit = {"field_index": reader.v("field_index"), "material_index": reader.v("material_index"),
+            "unit_vertices": reader.v("unit_vertices", low=3), "unit_faces": reader.v("unit_faces", low=1)}
+    if unit["field_index"] >= len(fields):
+        reader.rest()
+        return unit
     unit["support"] = fields[unit["field_index"]]["support"]
     if unit["support"] == TEXELS:
         unit["uv_origin"] = [reader.i32("uv_origin", 1 - 2**25, 2**25 - 1) for _ in range(2)]
         unit["uv_bits"] = reader.u8("uv_bits", 0, 20)
         if unit["uv_bits"] > 0:
-            unit["uv_range"] = reader.v("uv_range", 1, min(2**20, 2 ** unit["uv_bits"]) - 1)
+            unit["uv_range"] = reader.v("uv_range", 1, 2 ** unit["uv_bits"] - 1)
     unit["geometry_crc"] = reader.u32("geometry_crc")
     unit["draco_data"] = reader.rest()
+    return unit
+
+
+def check_draco_start(unit):
+    """Clause 5.6: what can be said of draco_data without decoding it."""
     draco = Reader(unit["draco_data"])
     require(draco.take(11, "Draco header") == DRACO_START, "draco_data does not begin as 5.6 says")
     require(draco.u8("traversal type") in (0, 2), "Draco's traversal type is neither 0 nor 2")
     require(draco.v("Draco's vertex count") == unit["unit_vertices"], "draco_data names another number of vertices")
     require(draco.v("Draco's face count") == unit["unit_faces"], "draco_data names another number of faces")
-    return unit
 
 
 def read_attribute(reader, header, fields):
     """Clause 5.7, with 5.7.1 to 5.7.6."""
-    unit = {
-        "field_index": reader.v("field_index", high=header["num_fields"] - 1),
-        "group_index": reader.u8("group_index", 0, header["num_channel_groups"] - 1),
-        "codec_id": reader.u8("codec_id"),
-    }
+    unit = {"field_index": reader.v("field_index", high=len(fields) - 1),
+            "group_index": reader.u8("group_index", 0, header["num_channel_groups"] - 1),
+            "codec_id": reader.u8("codec_id")}
     private = reader.utf8(reader.u8("codec_name_length", 1), "codec_name") if unit["codec_id"] >= PRIVATE else ""
     unit["level_shift"] = reader.u8("level_shift", 0, 13)
     unit["values_crc"] = reader.u32("values_crc")
@@ -90,7 +94,6 @@ def read_attribute(reader, header, fields):
     require(unit["level_shift"] <= most, f"level_shift is {unit['level_shift']}, at most {most}")
     unit["depth"] = (-(-resolution // 2 ** unit["level_shift"]) - 1).bit_length()
     if unit["codec_id"] == NEURAL:
-        require(unit["field_index"] == unit["group_index"] == 0, "a 3DNTC unit is not that of field 0 and group 0")
         read_neural(reader, unit, header)
     elif unit["codec_id"] == CONSTANT:
         components = header["channel_groups"][unit["group_index"]]["components"]
@@ -106,10 +109,8 @@ def read_raht(reader, unit, header, fields):
     depth = unit["depth"]
     unit.update(components=components)
     unit["colour_transform"] = known("colour_transform", reader.u8("colour_transform"), 1)
-    require(components == 3 or unit["colour_transform"] == 0, "colour_transform without three components")
     unit["qp"] = [reader.u8("qp", 0, 63) for _ in range(components)]
     unit["kernel"] = [reader.u8("kernel") for _ in range(7)]
-    require(unit["kernel"][0] >= 1, "kernel[0] is 0")
     unit["colour_range"] = reader.u8("colour_range")
     unit["num_models"] = reader.u8("num_models", 0, 8)
     unit["planar"] = fields[unit["field_index"]]["support"]
@@ -117,17 +118,19 @@ def read_raht(reader, unit, header, fields):
     with_dct = unit["planar"] > 0 and unit["num_models"] > 0
     unit["dct_blocks"] = known("dct_blocks", reader.u8("dct_blocks"), 1) if with_dct else 0
     unit["component_cross"] = reader.u8("component_cross", 0, 16) if components > 1 else 0
-    unit["filters"] = [read_filter(reader, components, 5 if unit["planar"] else 3) for _ in range(reader.u8("num_filters", 0, 3))]
+    num_filters = reader.count_of("filters", reader.u8("num_filters", 0, 3), 2)
+    unit["filters"] = [read_filter(reader, components, 5 if unit["planar"] else 3) for _ in range(num_filters)]
     unit["residual"] = reader.u8("residual", 0, 128 if depth > 0 else 0)
     unit["residual_cross"] = [reader.u8("residual_cross", 0, 16) for _ in range(components if unit["residual"] > 0 else 0)]
     unit["root_mean"] = [reader.i32("root_mean", -1048576, 1048576) for _ in range(components)]
-    slice_level = unit["slice_level"] = reader.u8("slice_level", 0, 12)
-    require(slice_level == 0 or slice_level < depth, "slice_level is not less than Depth")
+    slice_level = unit["slice_level"] = reader.u8("slice_level", 0, min(12, max(0, depth - 1)))
     num_slices = reader.v("num_slices", 1, 64) if slice_level > 0 else 1
     unit["slice_first"] = [0]
-    for _ in range(num_slices - 1):
+    for _ in range(reader.count_of("slice_step", num_slices - 1, 1)):
         unit["slice_first"].append(unit["slice_first"][-1] + reader.v("slice_step", low=1))
     read_codewords(reader, unit, num_slices)
+    require(components == 3 or unit["colour_transform"] == 0, "colour_transform without three components")
+    require(unit["kernel"][0] >= 1, "kernel[0] is 0")
 
 
 def read_filter(reader, components, taps):
@@ -143,7 +146,9 @@ def read_codewords(reader, unit, num_slices):
     levels = [depth] if slice_level == 0 else [slice_level] + [depth - slice_level] * num_slices
     level_index = reader.u8("level_index", 0, 1)
     lengths = []
-    for num_levels in levels if depth > 0 else []:
+    levels = levels if depth > 0 else []
+    reader.count_of("codewords", len(levels), 1)
+    for num_levels in levels:
         lengths.append(reader.v("codeword_length"))
         for _ in range(num_levels * level_index):
             reader.v("level_bytes")
@@ -159,7 +164,7 @@ def read_neural(reader, unit, header):
     unit["wave_octaves"] = reader.u8("wave_octaves", 0, 8)
     unit["first_wave"] = reader.u16("first_wave", 1, 16384)
     unit["hidden_width"] = [reader.u8("hidden_width", 1, 128) for _ in range(reader.u8("num_hidden", 1, 4))]
-    num_levels = reader.u8("num_levels", 1, 4)
+    num_levels = reader.count_of("latent_levels", reader.u8("num_levels", 1, 4), 5)
     unit["latent_levels"] = [read_latent_level(reader, header["num_fields"]) for _ in range(num_levels)]
     inputs = num_levels * unit["num_features"] + 6 * unit["wave_octaves"]
     widths = unit["widths"] = [inputs, *unit["hidden_width"], sum(group["components"] for group in header["channel_groups"])]
@@ -207,59 +212,51 @@ def filled(read, payload, *context):
     return structure
 
 
-def check_order(types):
-    """Clause 5.2: what may stand where."""
-    require(types[0] == HEADER, "the first unit is not the sequence header")
-    for unit_type in types:
-        if 5 < unit_type < 128:
-            raise Unsupported(f"critical unit of type {unit_type}")
-    known = [unit_type for unit_type in types if unit_type <= END]
-    require(known == sorted(known), "units are out of order")
-    require(types.count(HEADER) == 1 and types.count(MATERIALS) == 1, "not exactly one header and one materials unit")
-    require(types.count(METADATA) <= 1, "more than one metadata unit")
-    require(types.count(SHARP_EDGES) <= 1, "more than one sharp edges unit")
-    require(types.count(CODED_NORMALS) <= 1, "more than one coded normals unit")
-
-
 def read_stream(units):
-    """All units of a stream as one dict; what binds units to each other (counts, sums, order) is checked."""
-    check_order([unit_type for unit_type, _ in units])
-    of_type = lambda wanted: [payload for unit_type, payload in units if unit_type == wanted]
-    header = filled(read_header, of_type(HEADER)[0])
-    require(of_type(END) == [b""], "the end unit has a payload")
-    for unit_type, name, count in [
-        (FIELD, "field", header["num_fields"]),
-        (GEOMETRY, "geometry", header["num_geometry_units"]),
-    ]:
-        require(len(of_type(unit_type)) == count, f"{len(of_type(unit_type))} {name} units where the header asks for {count}")
-    materials = filled(read_materials, of_type(MATERIALS)[0], header)
-    fields = [filled(read_field, payload, index) for index, payload in enumerate(of_type(FIELD))]
-    geometry = [filled(read_geometry, payload, header, fields) for payload in of_type(GEOMETRY)]
-    require({unit["field_index"] for unit in geometry} == set(range(len(fields))), "a field has no geometry unit")
-    attributes = [filled(read_attribute, payload, header, fields) for payload in of_type(ATTRIBUTE)]
-    pairs = [(unit["field_index"], unit["group_index"]) for unit in attributes]
+    """Steps 4 and 5 of 9.2: all units of a stream as one dict."""
+    stream = {"header": None, "materials": None, "fields": [], "geometry": [], "attributes": [], "metadata": None,
+              "sharp_edges": None, "coded_normals": None, "skipped_units": []}
+    header, fields = {}, stream["fields"]
+    for unit_type, payload in units:
+        if unit_type == HEADER:
+            header = stream["header"] = filled(read_header, payload)
+        elif unit_type == MATERIALS:
+            stream["materials"] = filled(read_materials, payload, header)
+        elif unit_type == FIELD:
+            fields.append(filled(read_field, payload))
+        elif unit_type == GEOMETRY:
+            stream["geometry"].append(filled(read_geometry, payload, fields))
+        elif unit_type == ATTRIBUTE:
+            stream["attributes"].append(filled(read_attribute, payload, header, fields))
+        elif unit_type == METADATA:
+            stream["metadata"] = filled(read_metadata, payload)
+        elif unit_type == SHARP_EDGES:
+            stream["sharp_edges"] = filled(read_sharp_edges, payload)
+        elif unit_type == CODED_NORMALS:
+            stream["coded_normals"] = filled(read_coded_normals, payload)
+        elif unit_type > CODED_NORMALS:
+            stream["skipped_units"].append(unit_type)
+    check_units(stream)
+    return stream
+
+
+def check_units(stream):
+    """Step 5 of 9.2."""
+    header, materials, fields = stream["header"], stream["materials"], stream["fields"]
+    geometry, attributes = stream["geometry"], stream["attributes"]
+    require(materials is not None, "there is no materials unit")
+    for found, name, count in [(fields, "field", header["num_fields"]), (geometry, "geometry", header["num_geometry_units"])]:
+        require(len(found) == count, f"{len(found)} {name} units where the header asks for {count}")
+    require([field["field_index"] for field in fields] == list(range(len(fields))), "field_index does not count up from 0")
+    require({unit["field_index"] for unit in geometry} == set(range(len(fields))), "fields and those of geometry units differ")
+    require(all(unit["material_index"] < len(materials) for unit in geometry), "a geometry unit's material is not there")
+    check_appearance(header, materials, fields, geometry)
     wanted = needed_groups(header, materials, fields, geometry)
     if any(unit["codec_id"] == NEURAL for unit in attributes):
         wanted = [(0, 0)]
         require(all(field["support"] == VOXELS for field in fields), "a 3DNTC unit in a stream with a field over texels")
+    pairs = [(unit["field_index"], unit["group_index"]) for unit in attributes]
     require(pairs == wanted, "the attribute units are not those that the fields need, in order")
-    check_appearance(header, materials, fields, geometry)
-    metadata = [filled(read_metadata, payload) for payload in of_type(METADATA)]
-    sharp = [filled(read_sharp_edges, payload) for payload in of_type(SHARP_EDGES)]
-    wants_marks = any(material["normal_rule"] >= 3 for material in materials)
-    require(wants_marks == bool(sharp), "a sharp edges unit is there without a rule that asks for it, or the other way round")
-    coded = [filled(read_coded_normals, payload) for payload in of_type(CODED_NORMALS)]
-    wants_normals = any(material["normal_rule"] == 6 for material in materials)
-    require(wants_normals == bool(coded), "a coded normals unit is there without a rule that asks for it, or the other way round")
-    skipped = [unit_type for unit_type, _ in units if unit_type > CODED_NORMALS]
-    return {
-        "header": header,
-        "materials": materials,
-        "fields": fields,
-        "geometry": geometry,
-        "attributes": attributes,
-        "metadata": metadata[0] if metadata else None,
-        "sharp_edges": sharp[0] if sharp else None,
-        "coded_normals": coded[0] if coded else None,
-        "skipped_units": skipped,
-    }
+    for unit, rule, name in [("sharp_edges", 3, "sharp edges"), ("coded_normals", 6, "coded normals")]:
+        needed = any(material["normal_rule"] >= rule for material in materials)
+        require(needed == (stream[unit] is not None), f"a {name} unit without a rule that asks for it, or the other way round")

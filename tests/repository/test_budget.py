@@ -8,23 +8,24 @@ LONGEST_LINE = 2000  # a file with a longer one is a bundle, which does not coun
 
 # Folders, the deepest that holds a file counts it: the most lines of all their files together.
 BUDGETS = {
-    ("texfcodec",): 54_500,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
+    ("texfcodec",): 54_510,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
     # memory of large meshes 100, the native library 150, a GLB of texel fields without kernels 80, tilesets 200,
     # values of generators 1,230: voxels, arrays, functions, channels at vertices, a mesh without a search;
-    # 55 of edges sorted once for meshes of a million faces, 80 of their GLB in half the time
-    ("js", "native"): 10_680,  # 1,500 came with coded meshes of a glTF on a page, expand() and its fuzzer; 220 with its atlas,
+    # 55 of edges sorted once for meshes of a million faces, 80 of their GLB in half the time, 25 of the order of refusals
+    ("js", "native"): 10_700,  # 1,500 came with coded meshes of a glTF on a page, expand() and its fuzzer; 220 with its atlas,
     # 195 with vectors and threads, 20 with a shared library, 660 with textures in blocks for the card,
     # 800 with a reader of Draco's data in place of Draco's sources, 210 with a module with vectors and its heap,
     # 430 with glTF-Transform, Babylon.js, PlayCanvas, a service worker and their tests,
-    # 180 with an atlas in typed arrays, five times faster or more, and its test
+    # 180 with an atlas in typed arrays, five times faster or more, and its test, 20 with the order of refusals
     ("tools",): 13_525,  # target 10,500; 130 are of scenes, 100 of wheels for platforms, 30 of zips of add-ons,
     # 200 of ladders of speed, each tool at its own efforts, 375 of bytes on the card, 365 of time to picture,
     # 115 of sparse voxels, 150 of what a file is in Blender, beside its source, 125 of viewers,
     # 85 of streams of public models that every release decodes to the same values
     ("tools/gpu",): 3_100,  # came with fitting, frames and decoding on a GPU, whose page must be made again
-    ("conformance",): 8_505,  # target 7,500; 600 are of glTF files with streams and what expands them,
-    # 55 of streams of everyday size in place of their hashes, and of the promise for glTF files
-    ("tests",): 42_427,  # 165 are of frozen interfaces and of what later editions add; 90 of tilesets;
+    ("conformance",): 8_830,  # target 7,500; 600 are of glTF files with streams and what expands them,
+    # 55 of streams of everyday size in place of their hashes, and of the promise for glTF files,
+    # 310 of streams with two faults and of the order in which they are refused
+    ("tests",): 42_460,  # 165 are of frozen interfaces and of what later editions add; 90 of tilesets;
     # 460 are of sparse voxels, a writer of .vxz and fuzz targets of both readers;
     # 55 are of time to picture and of modules, 25 of blocks in Chromium, 150 of the native library,
     # 55 of ladders and vectors made again;

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..codecs import codec_of_unit
+from ..core.syntax_table import Structure
 from ..core.syntax_walk import Reader, read_structure, write_structure
 from ..errors import LimitError, StreamError
 from ..field.extents import octree_depth
@@ -14,6 +15,7 @@ from .appearance import check_groups, check_level_shift, check_material, faults_
 from .stream_values import Stream
 from .syntax import (
     ATTRIBUTE,
+    GEOMETRY,
     METADATA_JSON,
     SIGNATURE,
     SUPPORT_TEXELS,
@@ -34,6 +36,10 @@ if TYPE_CHECKING:
     from ..limits import Limits
     from ..scene.normal_rule import NormalRule
     from .units import Unit
+
+
+_GEOMETRY_COUNTS, _GEOMETRY_REST = (Structure(GEOMETRY.name, GEOMETRY.clause, part)
+                                    for part in (GEOMETRY.elements[:4], GEOMETRY.elements[4:]))  # the field decides the rest
 
 
 def write_stream(stream: Stream) -> tuple[bytes, dict[str, int]]:
@@ -88,7 +94,7 @@ def attribute_variables(stream: Stream, values: dict) -> dict:
     return {
         "resolution": -(-cells_a_side(field) >> values["level_shift"]), "Planar": field["support"],
         "NumComponents": groups[values["group_index"]]["group_components"],
-        "NumOutputs": sum(g["group_components"] for g in groups), "num_fields": len(stream.fields),
+        "NumOutputs": sum(g["group_components"] for g in groups), "num_fields": stream.header["num_fields"],
     }
 
 
@@ -100,9 +106,6 @@ def _read_attribute(reader, stream, trace):
     check_level_shift(values, stream.header["channel_groups"], _most_levels(codec, stream.fields[values["field_index"]]))
     codec.read_parameters(reader, values, trace)
     codec.check(values)
-    if codec.joint and any(field["support"] == SUPPORT_TEXELS for field in stream.fields):
-        raise StreamError("TXF-S13", "one attribute unit codes all fields, but a field is over texels", clause="5.7",
-                          offset=values["offset"], value=values["codec_id"])
     return values
 
 
@@ -111,10 +114,14 @@ def _most_levels(codec, field):
     return 0 if codec.joint else octree_depth(cells_a_side(field))
 
 
-def _check_materials_fit(count, reader):
-    """Refuses a number of materials that the bytes cannot hold, before anything is allocated. Each takes at least five bytes."""
-    if 5 * count > reader.end - reader.position:
-        raise StreamError("TXF-S02", "the data ends inside materials", clause="5.4", value=count)
+def _read_geometry(reader, fields, trace):
+    """Syntax values of a geometry unit. If its field does not exist, they end with unit_faces, because nothing says what follows;
+    faults_over_units() reports it."""
+    values = read_structure(_GEOMETRY_COUNTS, reader, {"supports": [f["support"] for f in fields]}, trace)
+    if values["field_index"] < len(fields):
+        return read_structure(_GEOMETRY_REST, reader, values, trace)
+    reader.position = reader.end
+    return values | {"Support": None, "uv_bits": None, "draco_data": b""}
 
 
 def read_stream(data: bytes, limits: Limits, trace: list | None = None) -> Stream:
@@ -153,7 +160,6 @@ def _read_elements(unit, reader, stream, limits, rows):
         stream.header = read_structure(UNITS[UNIT_HEADER], reader, {}, rows)
         check_groups(stream.header["channel_groups"])
     elif unit.type == UNIT_MATERIALS:
-        _check_materials_fit(stream.header["num_materials"], reader)
         stream.materials += read_structure(UNITS[UNIT_MATERIALS], reader, dict(stream.header), rows)["materials"]
         for material in stream.materials:
             check_material(material)
@@ -164,7 +170,7 @@ def _read_elements(unit, reader, stream, limits, rows):
                              value=sum(f["num_keys"] for f in stream.fields), allowed=limits.voxels)
         _check_image(stream.fields[-1], limits)
     elif unit.type == UNIT_GEOMETRY:
-        values = read_structure(UNITS[UNIT_GEOMETRY], reader, {"supports": [f["support"] for f in stream.fields]}, rows)
+        values = _read_geometry(reader, stream.fields, rows)
         values["offset"] = unit.end - len(values["draco_data"])
         _check_uv_range(values)
         stream.geometry.append(values)
@@ -279,6 +285,10 @@ def faults_over_units(stream: Stream, materials_units: int = 1, broken: set[int]
         expected = [(0, 0)] if stream.joint else expected
         if pairs != expected:
             yield _other_number("the order of attribute units", pairs, expected, "5.7")
+        if stream.joint and any(field["support"] == SUPPORT_TEXELS for field in stream.fields):
+            yield StreamError("TXF-S13", "one attribute unit codes all fields, but a field is over texels", clause="5.7",
+                              offset=stream.joint["offset"], value=stream.joint["codec_id"])
+            broken.add(UNIT_ATTRIBUTE)
     yield from faults_of_appearance(stream)
 
 

@@ -38,7 +38,7 @@ CHANNEL_GROUP = Structure("channel_group", "5.3.1", (
     E("num_semantics", "u8", 1, 3),
     E("group_semantics", "u8", 0, len(CHANNELS) - 1, count="num_semantics", registry=True),
     E("group_components", "u8", 1, 3),
-))
+), least=3)
 
 SEQUENCE_HEADER = Structure("sequence_header", "5.3", (
     E("version", "u8"),
@@ -56,7 +56,7 @@ PARAMETER = Structure("parameter", "5.4.2", (
     E("parameter_id", "u8", 0, len(PARAMETERS) - 1, registry=True),
     Derived("NumValues", "number of values of parameter parameter_id", lambda v: PARAMETERS[v["parameter_id"]].count),
     E("parameter_value", "f32", count="NumValues"),
-))
+), least=5)
 FLAG_UNLIT = 2
 _LIT = ("(material_flags & 2) == 0", lambda v: not v["material_flags"] & FLAG_UNLIT)
 
@@ -71,7 +71,7 @@ MATERIAL = Structure("material", "5.4.1", (
     E("material_channels", "v", 0, (1 << len(CHANNELS)) - 1, registry=True),
     E("num_parameters", "u8", 0, len(PARAMETERS), registry=True),
     E("parameters", PARAMETER, count="num_parameters"),
-))
+), least=5)
 
 MATERIALS = Structure("materials", "5.4", (E("materials", MATERIAL, count="num_materials"),))
 

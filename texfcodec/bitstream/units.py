@@ -74,8 +74,10 @@ def check_start(data: bytes, max_file_bytes: int | None = None) -> None:
 
 def check_version(data: bytes | memoryview, header: Unit) -> None:
     """Check the format version in the header unit before the rest of the stream: another version may have other units. Raises
-    SupportError."""
-    if header.begin < header.end and data[header.begin] != VERSION:
+    StreamError for an empty header, SupportError."""
+    if header.begin == header.end:
+        raise StreamError("TXF-S02", "the sequence header is empty", clause="5.3", offset=header.begin)
+    if data[header.begin] != VERSION:
         what = "a newer version" if data[header.begin] > VERSION else "version 0, a draft"
         raise SupportError("TXF-U04", "the stream has another "
                                       f"format version: {what}", clause="5.3", offset=header.begin, value=data[header.begin],

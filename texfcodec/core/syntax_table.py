@@ -39,8 +39,10 @@ class Derived:
 
 @dataclass(frozen=True)
 class Structure:
-    """A syntax structure: its name and clause in the specification, and its elements in stream order."""
+    """A syntax structure: its name and clause in the specification, its elements in stream order, and the fewest bytes that it
+    takes, where it is counted (spec 4.3)."""
 
     name: str
     clause: str
     elements: tuple[Element | Derived, ...]
+    least: int = 0

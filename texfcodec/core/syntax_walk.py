@@ -57,6 +57,16 @@ def _count_of(element, values):
     return int(element.count) if element.count.isdigit() else values[element.count]
 
 
+def _check_fits(element, count, reader, clause):
+    """Checks that the bytes that are left can hold all elements of an array, before the first of them is read (spec 4.3)."""
+    kind = element.descriptor
+    least = kind.least if isinstance(kind, Structure) else struct.calcsize(_FIXED.get(kind, "B"))
+    if count * least > reader.end - reader.position:
+        raise StreamError("TXF-S02", f"the data ends inside {element.name}", clause=clause,
+                          offset=reader.base + reader.position, value=reader.end - reader.position,
+                          allowed=f">= {count * least} bytes")
+
+
 def check_range(element: Element, value: Any, offset: int | None, clause: str) -> None:
     """Raise StreamError TXF-S04 if a value is outside its element's range, SupportError TXF-U09 if it is above the range of a
     registry. offset, clause: where the value stands in the file and in the specification, for the error."""
@@ -110,6 +120,8 @@ def read_structure(structure: Structure, reader: Reader, values: dict, trace: li
             continue
         begin, count = reader.position, _count_of(element, values)
         name = prefix + element.name
+        if count is not None:
+            _check_fits(element, count, reader, structure.clause)
         if isinstance(element.descriptor, Structure):
             items = []
             for i in range(count):

@@ -59,7 +59,7 @@ class _Contents:
                     self.listing.oddity(oddity)
         surfaces = self._surfaces()
         attributes = self.stream.attributes
-        if len(attributes) == 1 and attributes[0] is not None and codec_of_unit(attributes[0]).joint:
+        if len(attributes) == 1 and UNIT_ATTRIBUTE not in self.parsed.lost and codec_of_unit(attributes[0]).joint:
             self._decode_jointly(surfaces)
             return
         for index in range(len(surfaces)):

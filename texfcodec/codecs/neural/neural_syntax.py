@@ -14,7 +14,7 @@ LATENT_LEVEL = Structure("latent_level", "5.7.5", (
     E("num_latents", "v", 1, count="NumCounts"),
     Derived("NumRows", "table_log2 == 0 ? sum of num_latents : 2^table_log2",
             lambda v: 1 << v["table_log2"] if v["table_log2"] else sum(v["num_latents"])),
-))
+), least=5)
 
 
 def _network_widths(values):

@@ -15,14 +15,14 @@ def _levels_of_codeword(values, index):
 CODEWORD = Structure("codeword_header", "5.7.2", (
     E("codeword_length", "v", 0),
     E("level_bytes", "v", 0, count="NumLevels", when=("level_index", lambda v: v["level_index"])),
-))
+), least=1)
 
 FILTER = Structure("filter_stage", "5.7.3", (
     E("filter_mask", "u16", 0, (1 << 15) - 1),
     Derived("NumTaps", "(Planar > 0 ? 5 : 3) * (number of set bits of filter_mask)",
             lambda v: (5 if v["Planar"] else 3) * v["filter_mask"].bit_count()),
     E("filter_coefficients", "i8", count="NumTaps"),
-))
+), least=2)
 
 RAHT = Structure("raht_parameters", "5.7.1", (
     E("colour_transform", "u8", 0, 1, registry=True),

@@ -31,8 +31,10 @@ HOME = Path(__file__).resolve().parents[1]
 LARGEST = 1 << 16
 # Modules that make vectors, in the order of README.md.
 MAKERS = {"subset": ("good", "constant", "neural", "texels", "materials"),
-          "uncommon": ("good", "filter", "constant", "neural", "texels", "planar", "materials", "normals", "rules"),
-          "faulty": ("faulty", "filter", "constant", "neural", "texels_faulty", "planar", "materials_faulty", "normals")}
+          "uncommon": ("good", "filter", "constant", "neural", "texels", "planar", "materials", "normals", "rules",
+                       "misread"),
+          "faulty": ("faulty", "filter", "constant", "neural", "texels_faulty", "planar", "materials_faulty", "normals",
+                     "misread_faulty")}
 README = """# Conformance vectors
 
 Small streams with the SHA-256 of everything that is decoded from them (clause 9 of [the specification](../bitstream_spec.md)):

@@ -93,7 +93,9 @@ may be laid out in any way:
 
 `levels` of a case.json has, for every RAHT unit, a CRC-32 for each level, the root first: that of the means (7.2) of its
 nodes, in their order, component by component, 32-bit little endian; those of the last level after the filter (7.7). A decoder
-whose values have another checksum finds the first level that is not right.
+whose values have another checksum finds the first level that is not right. A decoder may write
+`field{{i}}_group{{g}}_levels.bin` too: these checksums, 32-bit little endian, of all levels that it has decoded, even where it
+refuses the stream after that. The runner then names the first level that differs.
 
 ## Points that ask
 

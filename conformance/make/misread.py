@@ -26,13 +26,14 @@ NAMES = ("\0\x1f\x7f", "\x80\u07ff\u0800\ud7ff\ue000\ufffe\uffff", "\U00010000\U
 
 
 class Dictated(attributes.RangeDecoder):
-    """A range decoder without a codeword: every bit is the likelier one but for some, by their numbers, which are ones."""
+    """A range decoder without a codeword: every bit is a zero unless a one is twice as likely, but for some,
+    by their numbers, which are ones."""
 
     def __init__(self, ones=()):
         self.ones, self.count, self.low, self.range, self.size = ones, 0, 0, 2**32 - 1, 4
 
     def split(self, bound):
-        bit = int(self.count in self.ones or 2 * bound > self.range)
+        bit = int(self.count in self.ones or 3 * bound > 2 * self.range)
         self.count += 1
         self.low, self.range = (self.low, bound) if bit else (self.low + bound, self.range - bound)
         while self.range < 2**24:
@@ -53,10 +54,11 @@ def dictated(data, ones=()):
 
 
 def beyond_255():
-    """Lossless values of which one has a residual that stands for more than 255, followed by some that are 0."""
-    data = recoded(on_ring(picture(12, 10)), models=6, max_error=0)
-    (unit,), first = parsed(data).attributes, dictated(data).count - 300
-    return with_codeword(data, dictated(data, range(first, first + 65)).codeword(), unit["qp"])
+    """Values of voxels of which some have residuals that stand for more than 255, and the others residuals of 0."""
+    data = recoded(encoded(scene_of(*torus(8, 5)), resolution=9, qp=46), models=6, max_error=0)
+    (unit,), last = parsed(data).attributes, dictated(data).count
+    ones = [first + n for first in range(last - 300, last + 600, 150) for n in range(65)]
+    return with_codeword(data, dictated(data, ones).codeword(), unit["qp"])
 
 
 def steps():

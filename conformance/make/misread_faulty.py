@@ -43,15 +43,14 @@ def descriptors():
     """Clause 4.3."""
     base, large = base_stream(), np.array([1e301], "<f8").tobytes()
     (name,), origin = {m["material_name"].encode() for m in parsed(base).materials[:1]}, parsed(base).header["origin"]
-    texts = [(f"name_{key}", title, "4.3", with_element(base, M, "materials[0].material_name", raw.ljust(len(name), b"x")), "TXF-S06")
-             for key, (title, raw) in INVALID_UTF8.items()]
-    broken = with_element(base, M, "materials[0].material_name", name[:-1] + b"\xc3")
+    named = lambda raw: with_element(base, M, "materials[0].material_name", raw.ljust(len(name), b"x"))
+    texts = [(f"name_{key}", title, "4.3", named(raw), "TXF-S06") for key, (title, raw) in INVALID_UTF8.items()]
     return [
         ("origin_1e301", "an origin of -1e301", "4.3",
          with_element(base, H, "origin", np.array([-1e301, *origin[1:]], "<f8").tobytes()), "TXF-S04"),
         ("side_1e301", "a side of 1e301", "4.3", with_element(base, H, "side", large), "TXF-S04"),
         *texts,
-        ("name_ends_early", "a name that ends within a character", "4.3", broken, "TXF-S06"),
+        ("name_ends_early", "a name that ends within a character", "4.3", named(name[:-1] + b"\xc3"), "TXF-S06"),
     ]
 
 
@@ -71,16 +70,17 @@ def idle_materials():
     """Clauses 5.3.1, 5.10 and 5.11: what materials of no face ask for."""
     around = ring((8, 8))
     two = stream_of_parts([Grid(7)], [Patch(around.lattice, around.faces)], 2)
+    refracting = over_voxels([painted(iridescence_ior=(1.4,))], groups(), 9)
     rule = lambda data, number: with_element(data, M, "materials[1].normal_rule", bytes([number]))
     return [
-        ("marks_missing_idle", "a material of no face asks for marks, and there is no sharp edges unit", "5.10", rule(two, 3), "TXF-S11"),
+        ("marks_missing_idle", "a material of no face asks for marks, and there is no sharp edges unit", "5.10", rule(two, 3),
+         "TXF-S11"),
         ("coded_missing_idle", "a material of no face asks for coded normals, and there is no such unit", "5.11",
          rule(marked(two, [(MARKED_BY_AREA, 180), (0, 45)]), 6), "TXF-S11"),
         ("group_of_idle", "a group holds a channel that a material of no face alone names", "5.3.1",
          over_voxels([Material("seen"), painted("roughness")], groups("roughness"), 9), "TXF-S14"),
         ("parameter_default_binary32", "a parameter that is its default, which binary32 rounds", "5.4.2",
-         with_element(over_voxels([painted(iridescence_ior=(1.4,))], groups(), 9), M, "materials[0].parameters[0].parameter_value",
-                      binary32(1.3)), "TXF-S04"),
+         with_element(refracting, M, "materials[0].parameters[0].parameter_value", binary32(1.3)), "TXF-S04"),
     ]
 
 
@@ -88,7 +88,8 @@ def of_draco():
     """Clauses 5.6 and 5.6.2."""
     simple = simple_stream()
     mesh = DracoPy.decode(bytes(parsed(simple).geometry[0]["draco_data"]))
-    coded = lambda kind, **more: with_draco(simple, DracoPy.encode(mesh.points.astype(kind), mesh.faces, compression_level=10, **more))
+    surface = lambda kind: (mesh.points.astype(kind), mesh.faces)
+    coded = lambda kind, **more: with_draco(simple, DracoPy.encode(*surface(kind), compression_level=10, **more))
     uv = [(0, 0), (99, 8), (90, 70), (0, 0), (90, 70), (3, 66)]
     of_sheet = lambda bits: stream_of_parts([Image(picture(9, 7))], [sheet(uv, bits=bits)])
 
@@ -144,5 +145,6 @@ def two_faults():
 
 def faulty():
     """All of them."""
-    at_the_end = ("slice_at_the_end", "a slice that begins at the number of nodes of its level", "5.7.1", slice_at_the_end(), "TXF-S12")
+    at_the_end = ("slice_at_the_end", "a slice that begins at the number of nodes of its level", "5.7.1", slice_at_the_end(),
+                  "TXF-S12")
     return [*descriptors(), *units(), *idle_materials(), *of_draco(), at_the_end, *two_faults()]

@@ -198,10 +198,11 @@ def by_a_hair(places):
 
 def near_a_line(places):
     """Points of misread.without_area(), whose world is its lattice, whose nearest face is a line."""
+    at = lambda *points: [(-1, 0, tuple(map(float, point))) for point in points]
     return [
-        ("nearest to a face without area", 3, [(-1, 0, (x, y, 290.0)) for x, y in ((250.0, 161.0), (520.0, 200.0), (90.0, 60.0))]),
-        ("beyond an end of a face without area", 2, [(-1, 0, (x, y, 350.0)) for x, y in ((740.0, 290.0), (20.0, 50.0))]),
-        ("nearer to a sheet than to a line", 1, [(-1, 0, (250.0, 150.0, 40.0))]),
+        ("nearest to a face without area", 3, at((250, 161, 290), (520, 200, 290), (90, 60, 290))),
+        ("beyond an end of a face without area", 2, at((740, 290, 350), (20, 50, 350))),
+        ("nearer to a sheet than to a line", 1, at((250, 150, 40))),
     ]
 
 

@@ -292,9 +292,8 @@ def quantised(patch, bits, reach=None):
     return patch
 
 
-def far(sign):
+def far(sign, most=(1 << 25) - 1):
     """UVs that begin, or end, where uv_origin does."""
-    most = (1 << 25) - 1
     uv = np.array([(0, 0), (90, 7), (80, 60), (0, 0), (80, 60), (3, 66)]) + sign * most
     return stream_of_parts([Image(picture(7, 5), MIRRORED if sign > 0 else REPEATED)], [sheet(uv, bits=7)])
 

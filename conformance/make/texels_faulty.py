@@ -6,10 +6,11 @@ import DracoPy
 import numpy as np
 
 from conformance.make import neural
-from conformance.make.faulty import F, G, with_element, with_right_crc, with_units, with_values
+from conformance.make.faulty import F, G, allowing, with_element, with_right_crc, with_units, with_values
 from conformance.make.good import parsed
 from conformance.make.rules import beginning_at
-from conformance.make.texels import CLAMPED, Grid, Image, Patch, off_by, picture, quantised, ring, sheet, stream_of_parts
+from conformance.make.texels import CLAMPED, Grid, Image, Patch, far, off_by, picture, quantised, ring, sheet, stream_of_parts
+from texfcodec.bitstream.syntax import GEOMETRY
 from texfcodec.core.syntax_walk import write_v
 from texfcodec.geometry import draco
 from texfcodec.geometry.draco import counts_of
@@ -38,6 +39,12 @@ def reaching_2_20():
     uv = [(0, 0), (1 << 20, 8), (190, 100), (0, 0), (190, 100), (9, 112)]
     with patch.object(draco, "MAX_UV_BITS", 21):
         return stream_of_parts([Image(picture(*SIZE), CLAMPED)], [sheet(uv)])
+
+
+def beginning_beyond(sign):
+    """A stream in order but for a uv_origin of 2^25 or -2^25."""
+    with allowing(GEOMETRY, "uv_origin", low=-(1 << 25), high=1 << 25):
+        return far(sign, 1 << 25)
 
 
 def one_step_off(step):
@@ -160,8 +167,8 @@ def uv_elements():
         ("texels_uv_range_0", "uv_range 0", with_element(coarse, G, "uv_range", b"\0"), "TXF-S04"),
         ("texels_uv_range_2_20", "uv_range 2^20", wide, "TXF-S04"),
         ("texels_uv_bits_21", "uv_bits 21", with_element(coarse, G, "uv_bits", b"\x15"), "TXF-S04"),
-        ("texels_uv_origin", "uv_origin 2^25", origin(1 << 25, y), "TXF-S04"),
-        ("texels_uv_origin_low", "uv_origin -2^25", origin(x, -(1 << 25)), "TXF-S04"),
+        ("texels_uv_origin", "uv_origin 2^25", beginning_beyond(1), "TXF-S04"),
+        ("texels_uv_origin_low", "uv_origin -2^25", beginning_beyond(-1), "TXF-S04"),
         ("texels_geometry_cut", "a geometry unit that ends in uv_origin", with_units(base, lambda units: _cut(units, G, 9)),
          "TXF-S02"),
     ]

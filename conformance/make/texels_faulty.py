@@ -38,7 +38,7 @@ def reaching_2_20():
     """A stream in order but for a UV that is 2^20 more than uv_origin."""
     uv = [(0, 0), (1 << 20, 8), (190, 100), (0, 0), (190, 100), (9, 112)]
     with patch.object(draco, "MAX_UV_BITS", 21):
-        return stream_of_parts([Image(picture(*SIZE), CLAMPED)], [sheet(uv)])
+        return stream_of_parts([Image(picture(*SIZE), CLAMPED, 8)], [sheet(uv)])
 
 
 def beginning_beyond(sign):

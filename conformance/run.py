@@ -85,6 +85,8 @@ def faults_of(decoder, folder):
     for lod, arrays in case["lods"].items():
         queries = expected["lods"].get(lod, []) if decoder.asks else []
         exit_code, files, said = decoder(folder / "in.texf", int(lod), packed(queries))
+        levels = {name: files.pop(name) for name in [name for name in files if name.endswith("_levels.bin")]}
+        faults += [f"lod {lod}: {fault}" for fault in _faults_of_levels(levels, case.get("levels", {}))]
         if exit_code != 0:
             faults.append(f"lod {lod}: exit code {exit_code}: {said}")
             continue
@@ -110,6 +112,17 @@ def _faults_of_arrays(files, arrays):
     unexpected = [f"{name} is unexpected" for name in sorted(files.keys() - wanted.keys())]
     both = sorted(wanted.keys() & files.keys())
     return missing + unexpected + [f"{name} differs" for name in both if _sha256(files[name]) != wanted[name]]
+
+
+def _faults_of_levels(files, levels):
+    """One sentence for each file of checksums of levels, which no decoder has to write, that has another one than the case."""
+    out = []
+    for name, content in files.items():
+        wanted = [int(digits, 16).to_bytes(4, "little") for digits in levels.get(name.removesuffix("_levels.bin"), [])]
+        given = [content[at : at + 4] for at in range(0, len(content), 4)]
+        wrong = [n for n, check in enumerate(given) if check not in wanted[n : n + 1]]
+        out += [f"{name}: level {wrong[0]} is the first that differs"] if wrong else []
+    return out
 
 
 # Queries

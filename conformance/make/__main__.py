@@ -31,9 +31,10 @@ HOME = Path(__file__).resolve().parents[1]
 LARGEST = 1 << 16
 # Modules that make vectors, in the order of README.md.
 MAKERS = {"subset": ("good", "constant", "neural", "texels", "materials"),
-          "uncommon": ("good", "filter", "constant", "neural", "texels", "planar", "materials", "normals", "rules"),
+          "uncommon": ("good", "filter", "constant", "neural", "texels", "planar", "materials", "normals", "rules",
+                       "misread"),
           "faulty": ("faulty", "filter", "constant", "neural", "texels_faulty", "planar", "materials_faulty", "normals",
-                     "order")}
+                     "order", "misread_faulty")}
 README = """# Conformance vectors
 
 Small streams with the SHA-256 of everything that is decoded from them (clause 9 of [the specification](../bitstream_spec.md)):
@@ -99,7 +100,9 @@ made where they are wanted; a test puts every 29th through our decoder and the r
 
 `levels` of a case.json has, for every RAHT unit, a CRC-32 for each level, the root first: that of the means (7.2) of its
 nodes, in their order, component by component, 32-bit little endian; those of the last level after the filter (7.7). A decoder
-whose values have another checksum finds the first level that is not right.
+whose values have another checksum finds the first level that is not right. A decoder may write
+`field{{i}}_group{{g}}_levels.bin` too: these checksums, 32-bit little endian, of all levels that it has decoded, even where it
+refuses the stream after that. The runner then names the first level that differs.
 
 ## Points that ask
 

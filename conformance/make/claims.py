@@ -164,10 +164,10 @@ def least_faces(case):
     return max(edges.count(edge) for edge in edges)
 
 
-def twice_area(case):
-    """Length of the largest cross product of two edges, in lattice units."""
+def areas(case):
+    """Length of the cross product of two edges of every face, in lattice units."""
     crosses = [np.cross(*(c[1:] - c[0])) for u in case.texf.units for c in u.lattice.astype(np.int64)[u.faces]]
-    return max(float(np.linalg.norm(c)) for c in crosses)
+    return [float(np.linalg.norm(c)) for c in crosses]
 
 
 def point_faces(case):
@@ -228,12 +228,16 @@ HEADER_AND_FIELDS = {
     "{} channel groups": lambda c, n: c.header["num_channel_groups"] == n,
     "an empty mesh": lambda c: c.stream.faces == 0,
     "two sheets and a face of one step": lambda c: sorted(edge_lengths(c)) == [1, 1000, 1000],
-    "each in a field of its own": lambda c: [(u.field, len(u.faces)) for u in c.texf.units] == [(n, 1) for n in range(3)],
+    "each in a field of its own": lambda c: [(u.field, len(u.faces)) for u in c.texf.units] ==
+        [(n, 1) for n in range(len(c.stream.fields))],
+    "a face without area": lambda c: 0 in areas(c),
+    "faces whose corners are at one position": lambda c: any(
+        (corners == corners[:, :1]).all((1, 2)).any() for u in c.texf.units for corners in [u.lattice[u.faces]]),
     "{} faces that share no corner": lambda c, n: [u.faces.size for u in c.texf.units] == [3 * n] ==
         [len(np.unique(u.lattice, axis=0)) for u in c.texf.units],
     "one triangle": lambda c: c.stream.faces == 1,
     "a triangle thinner than a voxel": lambda c: c.stream.faces == 1
-        and 0 < twice_area(c) < (1 << 2 * c.header["position_bits"]) / c.grids[0],
+        and 0 < max(areas(c)) < (1 << 2 * c.header["position_bits"]) / c.grids[0],
     "a triangle whose corners have one grid coordinate": lambda c: point_faces(c) == 1,
     "all vertices but three on voxel corners": lambda c: off_corner(c) == 3,
     "a mesh that is not a manifold": lambda c: least_faces(c) > 2,
@@ -266,6 +270,8 @@ CODEWORDS = {
     "a codeword that begins with the bound of its first bit": lambda c: c.codewords[:4] == (65535 * 32768).to_bytes(4, "big"),
     "numbers of eight bytes": lambda c: c.each(lambda u: min(min(word["level_bytes"]) for word in u["codewords"]) >> 49 > 0),
     "zeros": lambda c: c.codewords[:20] == bytes(20),
+    "then zeros": lambda c: c.codewords[4:8] == bytes(4),
+    "a residual beyond 255": lambda c: c.trace.escapes > 240 and c.each(lambda u: u["residual"]),
     "then random bytes": lambda c: is_noise(c.codewords.lstrip(b"\0")),
     "random bytes as a codeword": lambda c: is_noise(c.codewords),
     "more than are read": lambda c: c.trace.unread > 0,
@@ -285,6 +291,7 @@ CODEWORDS = {
 }
 RAHT = {
     "the smallest step": lambda c: c.each(lambda u: set(u["qp"]) == {0}),
+    "another step in every component": lambda c: c.each(lambda u: len(set(u["qp"])) == u["NumComponents"] > 1),
     "the largest step": lambda c: c.each(lambda u: max(u["qp"]) == 63),
     "another prediction kernel": lambda c: c.each(lambda u: tuple(u["kernel"]) != tuple(DEFAULT_KERNEL)),
     "one weight 0": lambda c: c.each(lambda u: list(u["kernel"]).count(0) == 1),

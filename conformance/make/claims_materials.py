@@ -86,6 +86,10 @@ MATERIALS = {
         len(g.channels) > 1 and not any({ch.name for ch in g.channels} <= m.maps.keys() for m in materials_of(c))
         for g in c.texf.groups),
     "a material of no face names a channel that no group holds": lambda c: bool(idle_names(c)),
+    "materials of no face with every rule": lambda c: {*range(7)} == {
+        m["normal_rule"] for n, m in enumerate(c.stream.materials) if n not in {u.material for u in c.texf.units}},
+    "names from all ends of UTF-8": lambda c: set("\0\x7f\x80\u07ff\u0800\ud7ff\ue000\uffff\U00010000\U0010ffff")
+        <= set("".join(m["material_name"] for m in c.stream.materials)),
     "level_shift {}": is_shifted,
     "maps that are constant": lambda c: bool(c.constant) and not any(
         c.semantics[u["group_index"]] < 2 for u in c.constant),

@@ -61,6 +61,8 @@ NORMALS = {
     "coded normals at one of the materials": lambda c: has_coded(c) and sum(rule == 6 for rule, _ in rules_of(c)) == 1,
     "residuals of all sizes": lambda c: set(residual_sizes(c)) >= set(range(14)),
     "a codeword of noise": has_coded,
+    "normals that vanish in their sum": lambda c: has_coded(c)
+        and (c.texf.corner_groups().frame[:, 2] == [0, 0, 1 << 14]).all(1).any(),
     "faces at one place": lambda c: len(np.unique(np.sort(corners_of(c), axis=1), axis=0)) < len(c.texf.faces),
     "edges of more than two faces": lambda c: most_faces(c) > 2,
     "every edge sharp": lambda c: c.texf.sharp_edges is not None and bool(c.texf.sharp_edges.all()),

@@ -6,6 +6,7 @@ import numpy as np
 from conformance.make.good import values_of
 
 BOUND = 512  # of a factor of clause 7.4.4
+LARGEST_COEFFICIENT = 1 << 25  # of clause 7.11.4
 
 
 def is_planar(case):
@@ -49,6 +50,8 @@ PLANAR = {
     "DCT blocks beside others": lambda c: heard(c, dct_blocks=0) and squares(c) == {False, True},
     "DCT blocks of one component and of three": lambda c: heard(c, dct_blocks=0) and components(c) == {1, 3},
     "DCT blocks above the slices": lambda c: heard(c, dct_blocks=0) and c.each(lambda u: u["slice_level"] > u["Depth"] - 3),
+    "DCT blocks of {} coefficients": lambda c, n: n in c.trace.counts,
+    "coefficients at their bounds": lambda c: {("dct", -LARGEST_COEFFICIENT), ("dct", LARGEST_COEFFICIENT)} <= c.trace.clipped,
     "component_cross {}": lambda c, n: c.each(lambda u: u["component_cross"] == n) and heard(c, component_cross=0),
     "two filter stages of five taps": lambda c: has_five_taps(c, 2),
     "factors at their bounds": lambda c: {("following", -BOUND), ("following", BOUND)} <= c.trace.clipped,

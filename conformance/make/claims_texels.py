@@ -25,10 +25,10 @@ def wraps(case):
     return [(WRAP_NAMES[f["wrap_s"]], WRAP_NAMES[f["wrap_t"]]) for f in case.images]
 
 
-def distances(unit):
-    """How far the quantised UVs of a unit are from whole numbers, as 5.6.2 reckons."""
+def distances(unit, kind=np.float64):
+    """How far the quantised UVs of a unit are from whole numbers, as 5.6.2 reckons, in numbers of a kind."""
     (uv,) = [a["data"] for a in DracoPy.decode(bytes(unit["draco_data"])).attributes if a["attribute_type"] == TEX_COORD]
-    steps = np.asarray(uv, np.float64) * (((1 << unit["uv_bits"]) - 1) / unit["uv_range"])
+    steps = np.asarray(uv, kind) * (kind((1 << unit["uv_bits"]) - 1) / kind(unit["uv_range"]))
     return np.abs(steps - np.rint(steps)).ravel().tolist()
 
 
@@ -44,9 +44,13 @@ TEXELS = {
     "texels that no face asks": lambda c: any(f["num_keys"] < f["width"] * f["height"] for f in c.images),
     "seams": lambda c: any(len(u.lattice) > len(np.unique(u.lattice, axis=0)) for u in c.textured),
     "UVs beside the image": lambda c: any((texel < 0).any() or (texel > size).any() for texel, size in uv_in_texels(c)),
+    "UVs several images beside": lambda c: all((texel < -2 * size[0]).any() and (texel > 3 * size[0]).any()
+                                               for texel, size in uv_in_texels(c)),
     "UVs in whole texels": lambda c: [f["uv_fraction_bits"] for f in c.images] == [0],
     "UVs in 1/{} of a texel": lambda c, n: [1 << f["uv_fraction_bits"] for f in c.images] == [n],
     "one by nearly a quarter off": lambda c: any(0.2 < away < 0.25 for u in c.uv_units for away in distances(u)),
+    "floats that binary32 has further from their numbers": lambda c: any(
+        max(distances(u)) <= 0.25 < max(distances(u, np.float32)) for u in c.uv_units),
     "plain UVs": lambda c: {u["uv_bits"] for u in c.uv_units} == {0},
     "UVs quantised to {} bits": lambda c, n: {u["uv_bits"] for u in c.uv_units} == {n},
     "many of which stand for one number": lambda c: all(1 << u["uv_bits"] > 100 * u["uv_range"] for u in c.uv_units),

@@ -21,7 +21,7 @@ from conformance.make.good import (
     with_checksum,
     written,
 )
-from conformance.make.texels import Grid, Image, Patch, picture, ring, sheet, stream_of_parts
+from conformance.make.texels import BITS, Grid, Image, Patch, picture, ring, sheet, stream_of_parts
 from texfcodec import Limits, decode
 from texfcodec.bitstream.stream import read_stream
 from texfcodec.bitstream.syntax import (
@@ -63,10 +63,22 @@ def sliced_stream():
                    slices={"WHOLE_VOXELS": 1, "SLICE_VOXELS": 100, "SLICE_NODES": 12})
 
 
+def with_index():
+    """One field of one level, with the level index."""
+    return recoded(encoded(scene_of(*torus(8, 5)), resolution=2, qp=30), index=True)
+
+
 def flat_stream(**tools):
     """One field of one colour, coded by RAHT: no coefficient and no residual is there, whatever steps and kernels are."""
     patch = ring((8, 8))
     return stream_of_parts([Grid(9, constant=False)], [Patch(patch.lattice, patch.faces)], **tools)
+
+
+def beyond_the_lattice():
+    """One field, in order but for a position of 2^position_bits."""
+    patch = ring((8, 8))
+    patch.lattice[np.argmax(patch.lattice[:, 0]), 0] = 1 << BITS
+    return stream_of_parts([Grid(6)], [Patch(patch.lattice, patch.faces)])
 
 
 def narrow_stream():
@@ -242,7 +254,8 @@ def framing():
          with_units(base, lambda units: units.insert(-1, (UNIT_METADATA, b"\0{}"))), "TXF-S07"),
         ("length_not_shortest", "unit_length in two bytes where one would do", "4.3", framed(base, STRANGER, b"\x85\0", b"12345"),
          "TXF-S05"),
-        ("length_nine_bytes", "unit_length in nine bytes", "4.3", framed(base, STRANGER, b"\x80" * 8 + b"\x01", b""), "TXF-S05"),
+        ("length_nine_bytes", "a number in nine bytes, on which nothing depends", "4.3",
+         with_element(with_index(), A, "codewords[0].level_bytes", b"\x80" * 8 + b"\x01"), "TXF-S05"),
         ("length_too_large", "unit_length beyond the file", "5.2", framed(base, STRANGER, write_v(1 << 55), b""), "TXF-S02"),
         ("end_payload", "a payload in the end unit", "5.9", with_units(base, lambda units: units.__setitem__(-1, (E, b"\0"))),
          "TXF-S08"),
@@ -385,8 +398,7 @@ def draco_cases(simple):
         ("geometry_crc", "a wrong geometry_crc", "5.6.3", with_element(simple, G, "geometry_crc", b"\1\2\3\4"), "TXF-S24"),
         ("geometry_moved", "a position is one step off and no voxel tells", "5.6.3", with_draco(simple, _moved(points, faces)),
          "TXF-S24"),
-        ("draco_position", "a position that is not below 2^position_bits", "5.6", with_header(simple, position_bits=13),
-         "TXF-S23"),
+        ("draco_position", "a position that is not below 2^position_bits", "5.6", beyond_the_lattice(), "TXF-S23"),
     ]
 
 
@@ -450,6 +462,8 @@ def attributes():
          many(lambda unit: unit.update(slice_step=[(1 << 56) - 1] * len(unit["slice_step"]))), "TXF-S12"),
         ("level_index_2", "level_index 2", "5.7.1", with_element(one_voxel(), A, "level_index", b"\2"), "TXF-S04"),
         ("codeword_length", "codeword lengths that do not add up", "5.7.2", edited(longer), "TXF-S10"),
+        ("codeword_length_less", "a byte after the last codeword", "5.7.2",
+         edited(lambda unit: unit.update(codeword_data=bytes(unit["codeword_data"]) + b"\0")), "TXF-S10"),
         ("codeword_length_huge", "a codeword of 2^55 bytes", "5.7.2",
          edited(lambda unit: unit["codewords"][0].update(codeword_length=1 << 55)), "TXF-S10"),
     ]

@@ -25,8 +25,8 @@ def level_checks(data):
         if unit["codec_id"] == RAHT_ID:
             keys = plane_keys(unit, fields[unit["field_index"]].keys)
             name = f"field{unit['field_index']}_group{unit['group_index']}"
-            ours, theirs = ([means(unit if is_own else other, keys, level) for level in range(unit["Depth"] + 1)]
-                            for is_own, means in ((True, _our_means), (False, _plain_means)))
+            ours = [_check(_our_means(unit, keys, level)) for level in range(unit["Depth"] + 1)]
+            theirs = [_check(means) for means in decode_means(other, keys.tolist())[0]]
             if ours != theirs:
                 differ = [a == b for a, b in zip(ours, theirs, strict=True)].index(False)
                 raise SystemExit(f"{name}: the two decoders differ at level {differ}")
@@ -37,11 +37,7 @@ def level_checks(data):
 def _our_means(unit, keys, level):
     coded, spans = coded_of(unit)
     data = np.frombuffer(bytes(unit["codeword_data"]), np.uint8)
-    return _check(attribute_coder.dec_attributes(keys, unit["Depth"], coded, data, spans, level))
-
-
-def _plain_means(unit, keys, level):
-    return _check(decode_means(unit, keys.tolist(), unit["depth"] - level)[0])
+    return attribute_coder.dec_attributes(keys, unit["Depth"], coded, data, spans, level)
 
 
 def _check(means):

@@ -1,9 +1,11 @@
 """The faulty conformance vectors of whole materials (clauses 5.3.1, 5.4.1, 5.4.2 and 5.7)."""
 
+import zlib
+
 import numpy as np
 
 from conformance.make.faulty import A, H, M, with_element, with_units, with_values
-from conformance.make.good import units_of
+from conformance.make.good import parsed, units_of
 from conformance.make.materials import bare, groups, over_texels, over_voxels, painted, with_networks
 from conformance.make.texels import Grid, ring, stream_of_parts
 from texfcodec.scene.channels import BY_NAME, PARAMETERS
@@ -124,11 +126,13 @@ def planes():
     base = base_stream()
     units = lambda data, edit: with_values(data, lambda stream: edit(stream.attributes))
     veil, roughness = Material("veil", alpha_mode=ALPHA_BLEND), painted("roughness")
-    alpha, alpha_with = groups("alpha"), groups("alpha+roughness")
-    shifted_one = lambda material, coded, group: over_voxels([material], coded, 9, shifts={(0, group): 1})
+    alpha, with_alpha = groups("alpha"), groups("roughness+alpha")
+    shifted_one = lambda material, coded, group, by=1, **more: over_voxels([material], coded, 9, shifts={(0, group): by}, **more)
     small = ring((8, 8))
     two = stream_of_parts([Grid(9), Grid(6)], [bare(small), bare(small, field=1, material=1)],
-                          [painted("roughness"), Material("plain")], groups=groups("roughness"))
+                          [painted("roughness"), Material("plain")], groups=groups("roughness"), constants=((0, 1),))
+    of_second = parsed(two).fields[1]["num_keys"]
+    other = lambda unit: unit | {"field_index": 1, "values_crc": zlib.crc32(bytes(unit["plane_value"]) * of_second)}
     shifted = over_voxels([painted("roughness")], groups("roughness"), 9, shifts={(0, 1): 1}, constants=((0, 1),))
     shift = lambda data, levels, number: with_element(data, A, "level_shift", bytes([levels]), number)
     return [
@@ -136,16 +140,17 @@ def planes():
         ("map_unit_first", "the unit of a map before that of base colour", "5.7", units(base, lambda listed: listed.reverse()),
          "TXF-S11"),
         ("map_unit_more", "a unit of a map for a field that needs none", "5.7",
-         units(two, lambda listed: listed.append(listed[1] | {"field_index": 1})), "TXF-S11"),
+         units(two, lambda listed: listed.append(other(listed[1]))), "TXF-S11"),
         ("map_unit_other", "the unit of a map for the field that needs none", "5.7",
-         units(two, lambda listed: listed.append(listed.pop(1) | {"field_index": 1})), "TXF-S11"),
+         units(two, lambda listed: listed.append(other(listed.pop(1)))), "TXF-S11"),
         ("level_shift_14", "level_shift 14", "5.7", shift(base, 14, 1), "TXF-S04"),
-        ("level_shift_over", "level_shift is more than the levels of the field", "5.7", shift(base, 5, 1), "TXF-S04"),
+        ("level_shift_over", "level_shift is more than the levels of the field", "5.7",
+         shifted_one(roughness, groups("roughness"), 1, 5, constants=((0, 1),)), "TXF-S04"),
         ("level_shift_colour", "level_shift 1 of base colour", "5.7", shifted_one(roughness, groups("roughness"), 0),
          "TXF-S04"),
         ("level_shift_alpha", "level_shift 1 of alpha", "5.7", shifted_one(veil, alpha, 1), "TXF-S04"),
-        ("level_shift_with_alpha", "level_shift 1 of a group of alpha and roughness", "5.7",
-         shifted_one(roughness, alpha_with, 1), "TXF-S04"),
+        ("level_shift_with_alpha", "level_shift 1 of a group of roughness and alpha", "5.7",
+         shifted_one(roughness, with_alpha, 1), "TXF-S04"),
         ("level_shift_0", "level_shift is 0 for what was coded with 1", "7.10", shift(shifted, 0, 1), "TXF-S32"),
         ("neural_level_shift", "3DNTC: level_shift 1", "5.7", shift(with_networks()[0][3], 1, 0), "TXF-S04"),
     ]

@@ -30,7 +30,7 @@ ASKED = {
     "uncommon/texels_low": (0,), "uncommon/maps_shift_texels": (0, 2), "uncommon/neural_two_fields": (0,),
     "uncommon/maps_neural": (0,), "uncommon/neural_shortest_waves": (0,), "uncommon/queries_sheets": (0, 1),
     "uncommon/queries_no_side": (0,), "uncommon/maps_some": (0,),
-    "uncommon/queries_by_a_hair": (0,),
+    "uncommon/queries_by_a_hair": (0,), "uncommon/queries_folds": (0, 3), "uncommon/queries_line": (0,),
 }
 
 
@@ -196,7 +196,18 @@ def by_a_hair(places):
     ]
 
 
-OF_THEIR_OWN = {"uncommon/queries_by_a_hair": by_a_hair, "uncommon/queries_no_side": of_no_side}
+def near_a_line(places):
+    """Points of misread.without_area(), whose world is its lattice, whose nearest face is a line."""
+    at = lambda *points: [(-1, 0, tuple(map(float, point))) for point in points]
+    return [
+        ("nearest to a face without area", 3, at((250, 161, 290), (520, 200, 290), (90, 60, 290))),
+        ("beyond an end of a face without area", 2, at((740, 290, 350), (20, 50, 350))),
+        ("nearer to a sheet than to a line", 1, at((250, 150, 40))),
+    ]
+
+
+OF_THEIR_OWN = {"uncommon/queries_by_a_hair": by_a_hair, "uncommon/queries_no_side": of_no_side,
+                "uncommon/queries_line": near_a_line}
 
 
 def of_nobody(places):

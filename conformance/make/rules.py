@@ -107,11 +107,16 @@ def by_a_hair():
 def a_quarter_off():
     """UVs whose floats stand a quarter beside their numbers, as far as 5.6.2 lets them: above in u, below in v."""
     uv = [(0, 0), (255, 7), (250, 200), (0, 0), (250, 200), (3, 255)]
-    stream = parsed(stream_of_parts([Image(picture(9, 7))], [sheet(uv, bits=8)]))
-    as_coded = lambda *least: struct.pack("<3fB", *least, 255, 8)
+    return beginning_at(stream_of_parts([Image(picture(9, 7))], [sheet(uv, bits=8)]), (0.25, -0.25))
+
+
+def beginning_at(data, least):
+    """The stream whose only geometry unit's floats are larger by two numbers, which Draco adds to what it has quantised."""
+    stream = parsed(data)
     (unit,) = stream.geometry
-    assert bytes(unit["draco_data"]).count(as_coded(0, 0)) == 1
-    unit["draco_data"] = bytes(unit["draco_data"]).replace(as_coded(0, 0), as_coded(0.25, -0.25))
+    as_coded = lambda begin: struct.pack("<3fB", *begin, unit["uv_range"], unit["uv_bits"])
+    assert bytes(unit["draco_data"]).count(as_coded((0, 0))) == 1
+    unit["draco_data"] = bytes(unit["draco_data"]).replace(as_coded((0, 0)), as_coded(least))
     return written(stream)
 
 

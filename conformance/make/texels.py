@@ -204,7 +204,7 @@ def _unit(group, support, pixels, shift, qp, tools):
         value = plane[0].tolist()
         return attribute_values(codec_of("constant"), 0, 0, zlib.crc32(bytes(value) * len(plane)), {"plane_value": value}, shift)
     usual = {"planar": int(support.planar), "plain": not group.channels[0].srgb}
-    payload = raht(plane, support.keys, int(np.max(support.size)), [qp] * plane.shape[1], **usual | tools)
+    payload = raht(plane, support.keys, int(np.max(support.size)), np.broadcast_to(qp, plane.shape[1]).tolist(), **usual | tools)
     return attribute_values(codec_of("raht"), 0, 0, 0, payload, shift)
 
 
@@ -292,9 +292,8 @@ def quantised(patch, bits, reach=None):
     return patch
 
 
-def far(sign):
+def far(sign, most=(1 << 25) - 1):
     """UVs that begin, or end, where uv_origin does."""
-    most = (1 << 25) - 1
     uv = np.array([(0, 0), (90, 7), (80, 60), (0, 0), (80, 60), (3, 66)]) + sign * most
     return stream_of_parts([Image(picture(7, 5), MIRRORED if sign > 0 else REPEATED)], [sheet(uv, bits=7)])
 

@@ -1,13 +1,18 @@
 """The faulty conformance vectors of fields over texels (clauses 5.5, 5.6, 5.7, 6.5.4 and 10)."""
 
+from unittest.mock import patch
+
 import DracoPy
 import numpy as np
 
 from conformance.make import neural
-from conformance.make.faulty import F, G, with_element, with_right_crc, with_units, with_values
+from conformance.make.faulty import F, G, allowing, with_element, with_right_crc, with_units, with_values
 from conformance.make.good import parsed
-from conformance.make.texels import CLAMPED, Grid, Image, Patch, off_by, picture, quantised, ring, sheet, stream_of_parts
+from conformance.make.rules import beginning_at
+from conformance.make.texels import CLAMPED, Grid, Image, Patch, far, off_by, picture, quantised, ring, sheet, stream_of_parts
+from texfcodec.bitstream.syntax import GEOMETRY
 from texfcodec.core.syntax_walk import write_v
+from texfcodec.geometry import draco
 from texfcodec.geometry.draco import counts_of
 
 SIZE = (20, 12)
@@ -27,6 +32,27 @@ def reaching_256():
     """UVs of 0 to 256 quantised to eight bits, for which eight bits are one too few."""
     uv = [(0, 0), (256, 8), (190, 100), (0, 0), (190, 100), (9, 112)]
     return stream_of_parts([Image(picture(*SIZE), CLAMPED)], [quantised(sheet(uv), 8)])
+
+
+def reaching_2_20():
+    """A stream in order but for a UV that is 2^20 more than uv_origin."""
+    uv = [(0, 0), (1 << 20, 8), (190, 100), (0, 0), (190, 100), (9, 112)]
+    with patch.object(draco, "MAX_UV_BITS", 21):
+        return stream_of_parts([Image(picture(*SIZE), CLAMPED, 8)], [sheet(uv)])
+
+
+def beginning_beyond(sign):
+    """A stream in order but for a uv_origin of 2^25 or -2^25."""
+    with allowing(GEOMETRY, "uv_origin", low=-(1 << 25), high=1 << 25):
+        return far(sign, 1 << 25)
+
+
+def one_step_off(step):
+    """UVs in eight bits whose floats are a step less or more than they may be; uv_origin makes up for it, so that they are the
+    same UVs."""
+    data = stream_of_parts([Image(picture(9, 7))], [sheet([(0, 0), (255, 7), (250, 200), (0, 0), (250, 200), (3, 255)], bits=8)])
+    moved = with_values(data, lambda stream: stream.geometry[0].update(uv_origin=[-step, 0]))
+    return beginning_at(moved, (step, 0))
 
 
 def off_by_more():
@@ -90,8 +116,7 @@ def uv_attributes():
     coded = lambda **more: DracoPy.encode(points, faces, compression_level=10, create_metadata=False, **more)
     plain = lambda values: _with_draco(base, coded(generic_attributes={1: values}))
     floats = _with_draco(base, coded(tex_coord=uv.astype(np.float64), tex_coord_quantization_bits=8))
-    colours, large = np.full((len(points), 3), 9, np.uint8), uv.copy()
-    large[0, 1] = 1 << 20
+    colours = np.full((len(points), 3), 9, np.uint8)
     lines = [
         ("texels_without_uv", "Draco data without UVs", _with_draco(base, coded()), "TXF-S20"),
         ("texels_uv_floats", "quantised UVs where uv_bits is 0", floats, "TXF-S20"),
@@ -101,12 +126,12 @@ def uv_attributes():
         ("texels_uv_three", "UVs of three numbers", plain(np.column_stack([uv, uv[:, :1]])), "TXF-S20"),
         ("texels_uv_colours", "colours beside the UVs",
          _with_draco(base, coded(generic_attributes={1: uv}, colors=colours)), "TXF-S20"),
-        ("texels_uv_large", "a UV of 2^20", plain(large), "TXF-S23"),
+        ("texels_uv_large", "a UV of 2^20", reaching_2_20(), "TXF-S23"),
     ]
-    patch = ring((9, 6))
-    voxels = stream_of_parts([Grid(6)], [Patch(patch.lattice, patch.faces)])
+    around = ring((9, 6))
+    voxels = stream_of_parts([Grid(6)], [Patch(around.lattice, around.faces)])
     over_voxels = ("voxels_with_uv", "UVs in a unit of a field over voxels", "5.6.1",
-                   _with_draco(voxels, patch.values(True)["draco_data"]), "TXF-S20")
+                   _with_draco(voxels, around.values(True)["draco_data"]), "TXF-S20")
     return [*((name, title, "5.6.2", data, code) for name, title, data, code in lines), over_voxels]
 
 
@@ -128,17 +153,22 @@ def uv_elements():
     (x, y), reach = parsed(base).geometry[0]["uv_origin"], parsed(coarse).geometry[0]["uv_range"]
     origin = lambda *values: with_element(base, G, "uv_origin", b"".join(v.to_bytes(4, "little", signed=True) for v in values))
     wide = with_element(with_element(coarse, G, "uv_bits", b"\x14"), G, "uv_range", write_v(1 << 20))
+    vertices = parsed(base).geometry[0]["unit_vertices"]
     lines = [
+        ("texels_uv_vertices", "unit_vertices is one less than Draco's own count",
+         with_element(base, G, "unit_vertices", write_v(vertices - 1)), "TXF-S21"),
         ("texels_uv_range_less", "uv_range less than the UVs reach", lies(uv_range=reach - 40), "TXF-S23"),
         ("texels_uv_range_more", "a uv_range that the UVs were not quantised for", lies(uv_range=reach + 5), "TXF-S23"),
+        ("texels_uv_minus_one", "a UV that is step -1 of its quantisation", one_step_off(-1), "TXF-S23"),
+        ("texels_uv_last_and_one", "a UV that is step 2^uv_bits of its quantisation", one_step_off(1), "TXF-S23"),
         ("texels_uv_far", "a UV that is by hardly more than a quarter off", off_by_more(), "TXF-S23"),
         ("texels_uv_bits_7", "fewer uv_bits than the UVs were quantised to", lies(uv_bits=7, uv_range=127), "TXF-S23"),
         ("texels_uv_range_over", "uv_range 256 with eight bits", reaching_256(), "TXF-S04"),
         ("texels_uv_range_0", "uv_range 0", with_element(coarse, G, "uv_range", b"\0"), "TXF-S04"),
         ("texels_uv_range_2_20", "uv_range 2^20", wide, "TXF-S04"),
         ("texels_uv_bits_21", "uv_bits 21", with_element(coarse, G, "uv_bits", b"\x15"), "TXF-S04"),
-        ("texels_uv_origin", "uv_origin 2^25", origin(1 << 25, y), "TXF-S04"),
-        ("texels_uv_origin_low", "uv_origin -2^25", origin(x, -(1 << 25)), "TXF-S04"),
+        ("texels_uv_origin", "uv_origin 2^25", beginning_beyond(1), "TXF-S04"),
+        ("texels_uv_origin_low", "uv_origin -2^25", beginning_beyond(-1), "TXF-S04"),
         ("texels_geometry_cut", "a geometry unit that ends in uv_origin", with_units(base, lambda units: _cut(units, G, 9)),
          "TXF-S02"),
     ]

@@ -4,22 +4,24 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from unittest.mock import patch
 
-from conformance.reference import attributes, decoder, following, mixing, neural, residual
+from conformance.reference import attributes, dct, decoder, following, mixing, neural, residual
 from conformance.reference import filter as wiener
 
-CLIPPING = (attributes, wiener, following, mixing, neural, residual)
+CLIPPING = (attributes, dct, wiener, following, mixing, neural, residual)
 
 
 @dataclass
 class Trace:
     """clipped: (module, bound) of every bound that a value was cut to; escapes: by module, the largest number after an escape;
-    differences: the largest dequantised one; unread: bytes of codewords that were never read; empty: a point had no latents."""
+    differences: the largest dequantised one; unread: bytes of codewords that were never read; empty: a point had no latents;
+    counts: of coefficients of DCT blocks."""
 
     clipped: set = field(default_factory=set)
     escapes: int = 0
     differences: int = 0
     unread: int = 0
     empty: bool = False
+    counts: set = field(default_factory=set)
 
 
 def traced(data):
@@ -31,6 +33,7 @@ def traced(data):
         for holder, name, after in (
             (attributes.RangeDecoder, "escape", lambda rest, *_: setattr(trace, "escapes", max(trace.escapes, rest))),
             (attributes.RangeDecoder, "__init__", lambda _, reader, *__: readers.append(reader)),
+            (dct.DctBlock, "parse_count", lambda count, *_: trace.counts.add(count)),
             (attributes, "dequantise", lambda d, *_: setattr(trace, "differences", max(trace.differences, abs(d)))),
             (neural.LatentLevel, "latents", lambda rows, *_: setattr(trace, "empty", trace.empty or not any(rows))),
         ):

@@ -1,5 +1,7 @@
 """Clause 7 in plain Python: octree, prediction, transform, contexts, range decoder."""
 
+import struct
+import zlib
 from copy import deepcopy
 from math import isqrt
 from types import SimpleNamespace
@@ -103,18 +105,21 @@ class RangeDecoder:
         return bit
 
 
-def decode_values(unit, keys, lod=0):
-    """Clauses 7.2 and 7.7 to 7.9: the values as bytes, component by component; lod counts the levels left out."""
-    means, level, ranges, decoders = decode_means(unit, keys, lod)
-    values = [values_of_node(mean, unit["colour_transform"]) for mean in means]
+def decode_values(unit, keys, lod=0, checks=None):
+    """Clauses 7.2 and 7.7 to 7.9: the values as bytes, component by component; lod counts the levels left out. Appends to checks
+    the CRC-32 of the means of every level."""
+    means, levels, ranges, decoders = decode_means(unit, keys, lod)
+    if checks is not None:
+        checks += [zlib.crc32(struct.pack(f"<{len(mean)}i", *mean)) for mean in (sum(of, []) for of in means)]
+    values = [values_of_node(mean, unit["colour_transform"]) for mean in means[-1]]
     if unit["residual"] > 0 and min(lod, unit["depth"]) == 0:
-        values = with_residuals(unit, level, values, ranges, decoders)
+        values = with_residuals(unit, levels[-1], values, ranges, decoders)
     return b"".join(values)
 
 
 def decode_means(unit, keys, lod=0):
-    """Clauses 7.2 and 7.7: the means of the nodes of the last level, lists by component; that level, and its ranges with their
-    range decoders."""
+    """Clauses 7.2 and 7.7: by level that is decoded the means of its nodes, lists by component; these levels, and the ranges of
+    the last one with their range decoders."""
     depth = unit["depth"]
     left_out = min(lod, depth)
     levels = octree(keys, depth)
@@ -138,10 +143,11 @@ def decode_means(unit, keys, lod=0):
             ranges = [children_of_range(levels[d - 1], first, end) for first, end in ranges]
         for (first, end), decoder, table in zip(ranges, decoders[used], tables[used], strict=True):
             LevelDecoder(unit, levels, d, first, decoder, table).run(end)
+    means = [level.mean for level in levels[: depth - left_out + 1]]
     if left_out > 0:
-        return levels[depth - left_out].mean, None, None, None
+        return means, levels, None, None
     ranges = [children_of_range(levels[depth - 1], first, end) for first, end in ranges] if depth > 0 else ranges
-    return filtered_means(unit, levels[depth]), levels[depth], ranges, decoders[used]
+    return [*means[:-1], filtered_means(unit, levels[depth])], levels, ranges, decoders[used]
 
 
 def filtered_means(unit, level):

@@ -2,8 +2,8 @@
 
     python conformance/reference/decoder.py IN.texf OUT_DIR [--lod L] [--queries FILE]
 
-writes the arrays of clause 9, and the answers to queries, for conformance/run.py. Exit codes: 3 for an invalid stream, 5 for one
-it does not support.
+writes the arrays of clause 9, the checksums of levels and the answers to queries, for conformance/run.py. Exit codes: 3 for an
+invalid stream, 5 for one it does not support.
 """
 
 import argparse
@@ -29,9 +29,10 @@ from conformance.reference.voxels import active_voxels
 FLOAT32, UINT32, POSITION, TEX_COORD, GENERIC = 9, 6, 0, 3, 4  # Draco's own numbers
 
 
-def decode(data, lod=0):
+def decode(data, lod=0, checks=None):
     """Stream bytes -> dict of header, materials, units (field, material, lattice, uv, faces), fields (its unit, levels left out,
-    keys, bytes and level_shift by group) and neural: what answers any position of a field, None without 3DNTC."""
+    keys, bytes and level_shift by group) and neural: what answers any position of a field, None without 3DNTC. checks: a dict
+    that gets the CRC-32 of the means of all levels of the RAHT units, by field and group, as far as they are decoded."""
     stream = read_stream(units_of(data))
     header, attributes = stream["header"], stream["attributes"]
     units = [decode_geometry(unit, header["position_bits"]) for unit in stream["geometry"]]
@@ -49,7 +50,10 @@ def decode(data, lod=0):
     else:
         values = [{} for _ in keys]
         for unit in attributes:
-            values[unit["field_index"]][unit["group_index"]] = checked_values(unit, keys[unit["field_index"]], lod)
+            place, of_unit = (unit["field_index"], unit["group_index"]), []
+            if checks is not None and unit["codec_id"] != CONSTANT:
+                checks[place] = of_unit
+            values[place[0]][place[1]] = checked_values(unit, keys[place[0]], lod, of_unit)
     fields = []
     for index, field in enumerate(stream["fields"]):
         left_out = levels_left_out(field, lod)
@@ -120,14 +124,14 @@ def field_keys(field, index, units, position_bits):
     return keys
 
 
-def checked_values(unit, keys, lod):
+def checked_values(unit, keys, lod, checks):
     """Clauses 5.7.6 and 7 on the cells of the plane, with the check of 7.10 where all its levels are decoded."""
     keys = sorted({key >> 3 * unit["level_shift"] for key in keys})
     lod = max(lod - unit["level_shift"], 0)
     if unit["codec_id"] == CONSTANT:
         values = unit["plane_value"] * len({key >> 3 * min(lod, unit["depth"]) for key in keys})
     else:
-        values = decode_values(unit, keys, lod)
+        values = decode_values(unit, keys, lod, checks)
     require(0 < min(lod, unit["depth"]) or zlib.crc32(values) == unit["values_crc"], "values_crc does not match")
     return values
 
@@ -193,8 +197,9 @@ def main():
     parser.add_argument("--lod", type=int, default=0)
     parser.add_argument("--queries", type=Path)
     arguments = parser.parse_args()
+    files, checks, refusal = {}, {}, None
     try:
-        texf = decode(arguments.stream.read_bytes(), arguments.lod)
+        texf = decode(arguments.stream.read_bytes(), arguments.lod, checks)
         files = arrays(texf)
         if arguments.queries:
             from conformance.reference.queries import answer_files, read_queries  # it stands on this module
@@ -202,11 +207,12 @@ def main():
             files |= answer_files(texf, read_queries(arguments.queries.read_bytes()))
     except (Invalid, Unsupported) as error:
         print(f"{type(error).__name__}: {error}", file=sys.stderr)
-        return 3 if isinstance(error, Invalid) else 5
+        refusal = error
+    files |= {f"field{i}_group{g}_levels": struct.pack(f"<{len(crcs)}I", *crcs) for (i, g), crcs in checks.items()}
     arguments.folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         (arguments.folder / f"{name}.bin").write_bytes(content)
-    return 0
+    return 0 if refusal is None else 3 if isinstance(refusal, Invalid) else 5
 
 
 if __name__ == "__main__":

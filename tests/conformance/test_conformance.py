@@ -1,5 +1,8 @@
 """The conformance runner, shown to fail decoders that are wrong on purpose and to pass a right one; and what vectors promise."""
 
+import json
+import re
+import struct
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,8 +15,8 @@ from conformance.make import __main__ as make
 from conformance.make.claims import case_at, unkept
 from conformance.make.good import subset, units_of
 from conformance.make.vector import title_of
-from conformance.reference import decoder, queries, syntax
-from conformance.reference.bits import Invalid, Reader, Unsupported
+from conformance.reference import bits, decoder, materials, queries, syntax
+from conformance.reference.bits import Invalid, Reader, Unsupported, require
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 VECTORS = REPOSITORY / "conformance"
@@ -325,3 +328,43 @@ def test_faulty_vector_has_no_fault_but_the_range(monkeypatch, name):
     monkeypatch.setattr(syntax, "require", lambda condition, sentence: None)
     monkeypatch.setattr(syntax, "known", lambda name, value, high: value)
     assert decoder.decode(data)["fields"]
+
+
+@pytest.mark.parametrize("name, sentence", [
+    ("draco_position", "a position is not below"), ("texels_uv_large", "a UV is out of range"),
+    ("texels_uv_origin", "uv_origin is"), ("texels_uv_origin_low", "uv_origin is"), ("level_shift_over", "level_shift is"),
+    ("level_shift_with_alpha", "level_shift is"), ("map_unit_more", "the attribute units are not those"),
+    ("texels_uv_vertices", "another number of vertices"),
+    ("group_of_idle", "nobody names the channels"), ("marks_missing_idle", "a sharp edges unit"),
+    ("coded_missing_idle", "a coded normals unit"), ("parameter_default_binary32", "is the default"), ("side_1e301", "side is"),
+    ("origin_1e301", "origin is"),
+])
+def test_faulty_vector_has_no_fault_but_its_title(monkeypatch, name, sentence):
+    """Without the check that has this sentence it decodes, with it not."""
+    data = (VECTORS / "faulty" / name / "in.texf").read_bytes()
+    with pytest.raises(Invalid, match=re.escape(sentence)):
+        decoder.decode(data)
+    for module in (bits, syntax, materials, decoder):
+        monkeypatch.setattr(module, "require", lambda condition, said: require(condition or sentence in said, said))
+    assert decoder.decode(data)["fields"]
+
+
+def test_runner_names_the_first_level_that_is_wrong():
+    case = json.loads((VECTORS / "subset/k3/case.json").read_text(encoding="utf-8"))
+    checks = [int(digits, 16) for digits in case["levels"]["field0_group0"]]
+
+    class Refusing:
+        """A decoder that refuses every stream and writes these checksums of levels."""
+
+        asks = False
+
+        def __init__(self, *numbers):
+            self.files = {"field0_group0_levels.bin": struct.pack(f"<{len(numbers)}I", *numbers)}
+
+        def __call__(self, *_):
+            return 3, dict(self.files), "values_crc"
+
+    faults = lambda *numbers: runner.faults_of(Refusing(*numbers), VECTORS / "subset/k3")
+    assert faults(*checks) == faults(checks[0]) == faults() != []
+    assert faults(checks[0], 1, 2)[0] == "lod 0: field0_group0_levels.bin: level 1 is the first that differs"
+    assert f"level {len(checks)} is the first" in faults(*checks, 0)[0]

@@ -336,7 +336,7 @@ def test_faulty_vector_has_no_fault_but_the_range(monkeypatch, name):
     ("level_shift_with_alpha", "level_shift is"), ("map_unit_more", "the attribute units are not those"),
     ("texels_uv_vertices", "another number of vertices"),
     ("group_of_idle", "nobody names the channels"), ("marks_missing_idle", "a sharp edges unit"),
-    ("coded_missing_idle", "a coded normals unit"), ("parameter_default_binary32", "is the default"), ("side_1e301", "side is"),
+    ("coded_missing_idle", "a coded normals unit"), ("parameter_default_binary32", "its default"), ("side_1e301", "side is"),
     ("origin_1e301", "origin is"),
 ])
 def test_faulty_vector_has_no_fault_but_its_title(monkeypatch, name, sentence):

@@ -548,7 +548,7 @@ Order by_degree(const Fans& fans) {  // vertices that two faces predict before t
 // ---- Attributes
 
 enum Coding : u32 { RAW, INTEGER, QUANTISED };
-enum Scheme : int { UNPREDICTED = -2, DIFFERENCE = 0, PARALLELOGRAM = 1, PARALLELOGRAMS = 4, TEXTURE = 5, SCHEMES = 7 };
+enum Scheme : int { UNPREDICTED = -2, DIFFERENCE = 0, PARALLELOGRAM = 1, PARALLELOGRAMS = 4, TEXTURE = 5 };
 
 struct Attribute {
   u32 type = 0, kind = 0, columns = 0, coding = RAW;
@@ -583,7 +583,7 @@ struct AttributeReader {  // of one attribute
     }
     bool predicted = false;
     scheme = i8(source.byte());
-    need(scheme >= UNPREDICTED && scheme < SCHEMES);
+    need(scheme == UNPREDICTED || scheme == DIFFERENCE || scheme == PARALLELOGRAM || scheme == PARALLELOGRAMS || scheme == TEXTURE);
     if (scheme != UNPREDICTED) {
       int transform = i8(source.byte());
       need(transform >= -1 && transform < 4);

@@ -1,4 +1,4 @@
-"""The picture at the head of README.md: the demo asset, what comes back from .texf, and what Draco and AVIF give in the same bytes.
+"""The picture at the head of README.md: the demo asset, what .texf gives back, and Draco with AVIF in the same bytes.
 
 python tools/bench/opening_picture.py OUT.jpg [RATE]
 

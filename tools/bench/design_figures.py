@@ -38,24 +38,23 @@ SOURCE, R03 = make_sample(), texfcodec.EncodeOptions(rate="r03")
 def format_figure(pyplot):
     """Draw the units of the demo asset's stream in their order, as wide as they have bytes."""
     report = inspect(texfcodec.encode(SOURCE, R03))
-    names = [material["material_name"] for material in report["materials"]]
     figure, axes = pyplot.subplots(figsize=(8, 2.6), layout="constrained")
     kinds, left = {"geometry": COLOURS[0], "attribute": COLOURS[1]}, 0.0
-    fields = [f"{f['width']} x {f['height']}" if f["width"] else f"K {f['resolution']}" for f in report["fields"]]
-    values = iter(fields)
+    values = iter([f"{f['width']}×{f['height']}" if f["width"] else f"K {f['resolution']}" for f in report["fields"]])
     for unit in report["units"]:
         kind = next((name for name in kinds if name in unit["name"]), "other")
         width = unit["size"] / 1000
         axes.barh(0, width, 1, left, color=kinds.get(kind, COLOURS[4]), edgecolor="white", linewidth=0.8)
         label = next(values) if kind == "attribute" else ""
         if width > 5 and label:
-            axes.text(left + width / 2, 0, f"{label}\n{width:.0f} kB", ha="center", va="center", color="white", fontsize=8)
+            axes.text(left + width / 2, 0, f"{label}\n{width:.0f} kB", ha="center", va="center", color="white", fontsize=7.5)
         left += width
     sizes = report["bytes"]
-    axes.text(sizes["geometry"] / 2000, 0.62, "mesh: UVs as integers or as coordinates, the fewer bytes", ha="center", color=kinds["geometry"])
-    axes.text((sizes["geometry"] + sizes["attributes"] / 2) / 1000, -0.85, "values: over voxels or texels, contexts mixed or direct", ha="center",
-              color=kinds["attribute"])
-    axes.text(0, -0.85, f"header, {len(names)} materials: {sizes['other']} bytes", ha="left", color=COLOURS[4])
+    for at, height, side, text, colour in (
+            (0, 0.62, "left", "meshes: UVs as integers or as coordinates", COLOURS[0]),
+            (left, 0.62, "right", "values: over voxels or texels, contexts mixed or direct", COLOURS[1]),
+            (0, -0.86, "left", f"header, {len(report['materials'])} materials, end: {sizes['other']} bytes", INK)):
+        axes.text(at, height, text, ha=side, color=colour, fontsize=9)
     axes.set(ylim=(-1.05, 0.95), xlim=(0, left), yticks=[], xlabel="kB of the stream, in its order")
     return figure
 
@@ -81,16 +80,16 @@ def mesh_figure(pyplot):
     from load.meshes import GENERATORS, glb_of
 
     source = load(glb_of(GENERATORS["scan with image"](20_000)))
-    sent = texfcodec.decode(texfcodec.encode(source, R03))
+    sent = texfcodec.decode(texfcodec.encode(source, texfcodec.EncodeOptions(rate="r01", effort="fast")))
     camera = orthographic(direction_of_angles(30, 20), *bounding_sphere(source.positions), 2)
-    figure, panels = pyplot.subplots(1, 2, figsize=(8, 4.2), layout="constrained")
-    for axes, mesh, name in zip(panels, (source, sent), ("source", "sent at r03"), strict=True):
+    figure, panels = pyplot.subplots(1, 2, figsize=(8, 3.2), layout="constrained")
+    for axes, mesh, name in zip(panels, (source, sent), ("source", "sent at r01, effort fast"), strict=True):
         corners = (mesh.positions - source.positions.mean(axis=0))[mesh.faces]
         x, y = corners @ camera.right, corners @ camera.up
         front = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) > (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
-        axes.triplot(x[front].ravel(), y[front].ravel(), np.arange(3 * front.sum()).reshape(-1, 3), color=COLOURS[0], lw=0.35)
-        half = np.abs(x).max() * 0.45
-        axes.set(xlim=(-half, half), ylim=(-half, half), xticks=[], yticks=[], aspect="equal")
+        axes.triplot(x[front].ravel(), y[front].ravel(), np.arange(3 * front.sum()).reshape(-1, 3), color=COLOURS[0], lw=0.7)
+        half = np.abs(x).max() * 0.2
+        axes.set(xlim=(-half, half), ylim=(-half * 0.7, half * 0.7), xticks=[], yticks=[], aspect="equal")
         axes.set_title(f"{name}: {len(mesh.faces):,} faces", fontsize=12)
     return figure
 
@@ -104,11 +103,11 @@ def texels_figure(pyplot):
     shown[row, column] = field.rgba[:, :3]
     voxels = texfcodec.decode(texfcodec.encode(SOURCE, texfcodec.EncodeOptions(resolution=COARSE, qp=22, keep_mesh=True)))
     camera = orthographic(direction_of_angles(30, 50), *bounding_sphere(SOURCE.positions), 800)
-    figure, panels = pyplot.subplots(1, 2, figsize=(8, 3.6), layout="constrained", width_ratios=(3, 2.2))
+    figure, panels = pyplot.subplots(1, 2, figsize=(7.6, 3.2), layout="constrained", width_ratios=(3, 2))
     share = len(column) / image[..., 0].size
     panels[0].imshow(shown)
     panels[0].set_title(f"texels: {share:.0%} of the tray's image is coded")
-    panels[1].imshow(box_down(render_scene(cubes(voxels), camera).image(), 2))
+    panels[1].imshow(box_down(render_scene(cubes(voxels), camera).image(), 2)[40:360, 40:360])
     panels[1].set_title(f"voxels: {sum(len(f.support.keys) for f in voxels.fields):,} at K {COARSE}")
     for axes in panels:
         axes.axis("off")
@@ -118,9 +117,8 @@ def texels_figure(pyplot):
 def shading_figure(pyplot):
     """Draw the demo asset's base colour, and its shape in light with the normals of faces and with those of the rule."""
     clay = [Material(m.name, np.array([0.6, 0.58, 0.55, 1])) for m in SOURCE.materials]
-    plain = replace(SOURCE, materials=clay, textures=[], corner_color=None)
-    centre, radius = bounding_sphere(SOURCE.positions)
-    camera = orthographic(direction_of_angles(30, 20), np.add(centre, [0, radius * 0.55, 0]), radius * 0.42, 900)
+    plain = replace(SOURCE, materials=clay, textures=[], corner_color=None, flat=True)
+    camera = orthographic(direction_of_angles(20, 12), (0.085, 0.024, 0.085), 0.032, 720)
     ruled = texfcodec.decode(texfcodec.encode(replace(plain, flat=False), texfcodec.EncodeOptions(rate="r03", keep_mesh=True)))
     views = {"base colour": render_scene(SOURCE, camera), "light, normals of faces": render_scene(plain, camera, shaded=DAYLIGHT),
              "light, normals by the rule": render_texf(ruled, camera, shaded=DAYLIGHT)}
@@ -134,6 +132,7 @@ def shading_figure(pyplot):
 
 FIGURES = {"format": format_figure, "materials": materials_figure, "mesh": mesh_figure, "shading": shading_figure,
            "texels": texels_figure}
+PHOTOGRAPHS = ("shading", "texels")  # are written as JPEG
 
 
 def main(names):
@@ -143,11 +142,12 @@ def main(names):
         raise SystemExit(1)
     pyplot.rcParams.update({"text.color": INK, "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": PALE})
     for name in names or FIGURES:
-        path = FOLDER / f"{name}.png"
-        FIGURES[name](pyplot).savefig(path, dpi=110)
-        with Image.open(path) as picture:
-            small = picture.convert("RGB").quantize(48, dither=Image.Dither.NONE)
-        small.save(path, optimize=True)
+        path = FOLDER / f"{name}{'.jpg' if name in PHOTOGRAPHS else '.png'}"
+        FIGURES[name](pyplot).savefig(path, dpi=110, **({"pil_kwargs": {"quality": 70}} if name in PHOTOGRAPHS else {}))
+        if name not in PHOTOGRAPHS:
+            with Image.open(path) as picture:
+                small = picture.convert("RGB").quantize(12, dither=Image.Dither.NONE)
+            small.save(path, optimize=True)
         print(path.name, path.stat().st_size)
 
 

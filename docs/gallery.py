@@ -32,7 +32,7 @@ class Entry(NamedTuple):
 
 
 ENTRIES = (
-    Entry("scan", "scan.glb", ("--rate", "r03"), ("40,20",), "A scan", "19,200 faces and an image"),
+    Entry("scan", "scan.glb", ("--rate", "r03"), ("40,20",), "A scan", "generated: 19,200 faces and an image"),
     Entry("prop", "barrel.glb", ("--rate", "r03"), ("20,22",), "A game prop", "base colour, normals, roughness and metal"),
     Entry("scene", "windmill.glb", ("--rate", "r03"), ("30,12", "--time", "0.35"), "A scene with an animation",
           "stays a GLB with its nodes; the key M turns the sails"),

@@ -25,6 +25,7 @@ from texfcodec.scene.scene import Material  # noqa: E402
 from tools.bench.idea_picture import COARSE, cubes  # noqa: E402
 from tools.bench.plots import load_pyplot  # noqa: E402
 
+WIDTH, DPI = 5.2, 160  # inches, in which labels of 10 points are read in a narrow window as well
 FOLDER = REPOSITORY / "docs" / "design" / "pictures"
 COLOURS = ("#5577bb", "#d6823e", "#6a9a58", "#a3619e", "#8a8f96")
 PALE, INK = "#d9dce1", "#1e2228"
@@ -38,7 +39,7 @@ SOURCE, R03 = make_sample(), texfcodec.EncodeOptions(rate="r03")
 def format_figure(pyplot):
     """Draw the units of the demo asset's stream in their order, as wide as they have bytes."""
     report = inspect(texfcodec.encode(SOURCE, R03))
-    figure, axes = pyplot.subplots(figsize=(8, 2.6), layout="constrained")
+    figure, axes = pyplot.subplots(figsize=(WIDTH, 2.5), layout="constrained")
     kinds, left = {"geometry": COLOURS[0], "attribute": COLOURS[1]}, 0.0
     values = iter([f"{f['width']}×{f['height']}" if f["width"] else f"K {f['resolution']}" for f in report["fields"]])
     for unit in report["units"]:
@@ -46,16 +47,16 @@ def format_figure(pyplot):
         width = unit["size"] / 1000
         axes.barh(0, width, 1, left, color=kinds.get(kind, COLOURS[4]), edgecolor="white", linewidth=0.8)
         label = next(values) if kind == "attribute" else ""
-        if width > 5 and label:
-            axes.text(left + width / 2, 0, f"{label}\n{width:.0f} kB", ha="center", va="center", color="white", fontsize=7.5)
+        if width > 8 and label:
+            axes.text(left + width / 2, 0, f"{label}\n{width:.0f} kB", ha="center", va="center", color="white", fontsize=8)
         left += width
     sizes = report["bytes"]
     for at, height, side, text, colour in (
-            (0, 0.62, "left", "meshes: UVs as integers or as coordinates", COLOURS[0]),
-            (left, 0.62, "right", "values: over voxels or texels, contexts mixed or direct", COLOURS[1]),
-            (0, -0.86, "left", f"header, {len(report['materials'])} materials, end: {sizes['other']} bytes", INK)):
-        axes.text(at, height, text, ha=side, color=colour, fontsize=9)
-    axes.set(ylim=(-1.05, 0.95), xlim=(0, left), yticks=[], xlabel="kB of the stream, in its order")
+            (0, 0.6, "left", "meshes: UVs coded\nin one of two ways", COLOURS[0]),
+            (left, 0.62, "right", "values: over voxels or texels,\ncontexts mixed or direct", COLOURS[1]),
+            (0, -0.95, "left", f"header, {len(report['materials'])} materials, end: {sizes['other']} bytes", INK)):
+        axes.text(at, height, text, ha=side, color=colour, fontsize=10)
+    axes.set(ylim=(-1.1, 1.3), xlim=(0, left), yticks=[], xlabel="kB of the stream, in its order")
     return figure
 
 
@@ -63,7 +64,7 @@ def materials_figure(pyplot):
     """Draw the bytes by channel of materials.md's table."""
     rows = ROW.findall((REPOSITORY / "docs/design/materials.md").read_text(encoding="utf-8"))
     size = {(asset, channel): int(count) / 1000 for asset, channel, count in rows}
-    figure, axes = pyplot.subplots(figsize=(8, 2.9), layout="constrained")
+    figure, axes = pyplot.subplots(figsize=(WIDTH, 2.8), layout="constrained")
     left = np.zeros(len(ASSETS))
     for (channel, label), colour in zip(CHANNELS.items(), COLOURS, strict=True):
         widths = np.array([size.get((asset, channel), 0) for asset in ASSETS])
@@ -82,15 +83,15 @@ def mesh_figure(pyplot):
     source = load(glb_of(GENERATORS["scan with image"](20_000)))
     sent = texfcodec.decode(texfcodec.encode(source, texfcodec.EncodeOptions(rate="r01", effort="fast")))
     camera = orthographic(direction_of_angles(30, 20), *bounding_sphere(source.positions), 2)
-    figure, panels = pyplot.subplots(1, 2, figsize=(8, 3.2), layout="constrained")
-    for axes, mesh, name in zip(panels, (source, sent), ("source", "sent at r01, effort fast"), strict=True):
+    figure, panels = pyplot.subplots(1, 2, figsize=(WIDTH, 2.5), layout="constrained")
+    for axes, mesh, name in zip(panels, (source, sent), ("source", "sent at r01"), strict=True):
         corners = (mesh.positions - source.positions.mean(axis=0))[mesh.faces]
         x, y = corners @ camera.right, corners @ camera.up
         front = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) > (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
-        axes.triplot(x[front].ravel(), y[front].ravel(), np.arange(3 * front.sum()).reshape(-1, 3), color=COLOURS[0], lw=0.7)
+        axes.triplot(x[front].ravel(), y[front].ravel(), np.arange(3 * front.sum()).reshape(-1, 3), color=COLOURS[0], lw=0.8)
         half = np.abs(x).max() * 0.2
         axes.set(xlim=(-half, half), ylim=(-half * 0.7, half * 0.7), xticks=[], yticks=[], aspect="equal")
-        axes.set_title(f"{name}: {len(mesh.faces):,} faces", fontsize=12)
+        axes.set_title(f"{name}: {len(mesh.faces):,} faces", fontsize=11)
     return figure
 
 
@@ -103,12 +104,12 @@ def texels_figure(pyplot):
     shown[row, column] = field.rgba[:, :3]
     voxels = texfcodec.decode(texfcodec.encode(SOURCE, texfcodec.EncodeOptions(resolution=COARSE, qp=22, keep_mesh=True)))
     camera = orthographic(direction_of_angles(30, 50), *bounding_sphere(SOURCE.positions), 800)
-    figure, panels = pyplot.subplots(1, 2, figsize=(7.6, 3.2), layout="constrained", width_ratios=(3, 2))
+    figure, panels = pyplot.subplots(1, 2, figsize=(WIDTH, 2.3), layout="constrained", width_ratios=(3, 2))
     share = len(column) / image[..., 0].size
     panels[0].imshow(shown)
-    panels[0].set_title(f"texels: {share:.0%} of the tray's image is coded")
+    panels[0].set_title(f"{share:.0%} of an image's texels")
     panels[1].imshow(box_down(render_scene(cubes(voxels), camera).image(), 2)[40:360, 40:360])
-    panels[1].set_title(f"voxels: {sum(len(f.support.keys) for f in voxels.fields):,} at K {COARSE}")
+    panels[1].set_title(f"{sum(len(f.support.keys) for f in voxels.fields):,} voxels")
     for axes in panels:
         axes.axis("off")
     return figure
@@ -120,12 +121,12 @@ def shading_figure(pyplot):
     plain = replace(SOURCE, materials=clay, textures=[], corner_color=None, flat=True)
     camera = orthographic(direction_of_angles(20, 12), (0.085, 0.024, 0.085), 0.032, 720)
     ruled = texfcodec.decode(texfcodec.encode(replace(plain, flat=False), texfcodec.EncodeOptions(rate="r03", keep_mesh=True)))
-    views = {"base colour": render_scene(SOURCE, camera), "light, normals of faces": render_scene(plain, camera, shaded=DAYLIGHT),
-             "light, normals by the rule": render_texf(ruled, camera, shaded=DAYLIGHT)}
-    figure, panels = pyplot.subplots(1, 3, figsize=(8, 3.0), layout="constrained")
+    views = {"base colour": render_scene(SOURCE, camera), "normals of faces": render_scene(plain, camera, shaded=DAYLIGHT),
+             "by the rule": render_texf(ruled, camera, shaded=DAYLIGHT)}
+    figure, panels = pyplot.subplots(1, 3, figsize=(WIDTH, 2.0), layout="constrained")
     for axes, (name, view) in zip(panels, views.items(), strict=True):
         axes.imshow(box_down(view.image(), 2))
-        axes.set_title(name, fontsize=11)
+        axes.set_title(name, fontsize=10)
         axes.axis("off")
     return figure
 
@@ -143,7 +144,7 @@ def main(names):
     pyplot.rcParams.update({"text.color": INK, "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": PALE})
     for name in names or FIGURES:
         path = FOLDER / f"{name}{'.jpg' if name in PHOTOGRAPHS else '.png'}"
-        FIGURES[name](pyplot).savefig(path, dpi=110, **({"pil_kwargs": {"quality": 70}} if name in PHOTOGRAPHS else {}))
+        FIGURES[name](pyplot).savefig(path, dpi=DPI, **({"pil_kwargs": {"quality": 70}} if name in PHOTOGRAPHS else {}))
         if name not in PHOTOGRAPHS:
             with Image.open(path) as picture:
                 small = picture.convert("RGB").quantize(12, dither=Image.Dither.NONE)

@@ -42,7 +42,7 @@ wasm:  # The WebAssembly module of it
 	$(MAKE) -C native wasm
 
 # The documentation as a site, in out/site: guide, design, reports, API reference, specification, gallery. Links are checked, and a
-# broken one fails; nothing is fetched by the pages. Needs a minute to encode the gallery.
+# broken one fails; nothing is fetched by the pages. Needs a minute or two to encode the gallery.
 site: install  # The documentation as a site, in out/site
 	$(PY) -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
 	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict

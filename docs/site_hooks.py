@@ -4,23 +4,30 @@ Links of a page are those of the repository, so that they work there too: they a
 site does not have, a source file for instance, keeps its name and loses its link.
 """
 
-import os
 import posixpath
 import re
-import subprocess
+import shutil
 import sys
 from pathlib import Path
 
 from mkdocs.structure.files import File
 
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import gallery  # noqa: E402
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 PROJECT = ("bitstream_spec.md", "conformance/README.md", "js/README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md",
            "PATENTS.md")
+GALLERY = REPOSITORY / "out" / "gallery"
+sizes = {}  # of the gallery's sources and streams
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
-VASE, SCAN, COLOURS = "vase", "scan with image", "scan with vertex colours"  # the demo asset, and meshes of face_meshes.py
-GALLERY = {"texels": (VASE, ["--rate", "r04"]), "voxels": (VASE, ["--resolution", "512", "--qp", "24"]),
-           "small": (VASE, ["--rate", "r01"]), "scan": (SCAN, ["--rate", "r03"]), "colours": (COLOURS, ["--rate", "r03"])}
-FACES = 20_000  # of the generated meshes
+
+
+def on_pre_build(config):
+    """Make the pages of the gallery, whose bytes gallery.md shows."""
+    shutil.rmtree(GALLERY, ignore_errors=True)
+    GALLERY.mkdir(parents=True)
+    sizes.update(gallery.make(GALLERY))
 
 
 def on_files(files, config):
@@ -33,6 +40,8 @@ def on_files(files, config):
 def on_page_markdown(markdown, page, config, files):
     """Links to files of the repository as links of the site."""
     own = page.file.src_uri
+    if own == "gallery.md":
+        markdown = gallery.with_cards(markdown, sizes)
     place = own.removeprefix("project/") if own.startswith("project/") else f"docs/{own}"
 
     def mended(match):
@@ -52,27 +61,8 @@ def on_page_markdown(markdown, page, config, files):
 
 
 def on_post_build(config):
-    """The exported viewer pages of gallery.md."""
-    folder = Path(config["site_dir"]) / "gallery"
-    folder.mkdir(exist_ok=True)
-    for name, (mesh, options) in GALLERY.items():
-        source, stream = folder / f"{mesh.replace(' ', '_')}.glb", folder / f"{name}.texf"
-        if not source.exists():
-            _make(mesh, source)
-        _run("texfcodec.cli.enc", source, stream, *options)
-        _run("texfcodec.cli.view", stream, source, "--export", folder / f"{name}.html")
-
-
-def _make(mesh, path):
-    if mesh == VASE:
-        _run("texfcodec.demo.asset", path)
-        return
-    sys.path.insert(0, str(REPOSITORY / "tests"))
-    from load.meshes import GENERATORS, glb_of
-
-    path.write_bytes(glb_of(GENERATORS[mesh](FACES)))
-
-
-def _run(module, *arguments):
-    command = [sys.executable, "-m", module, *map(str, arguments)]
-    subprocess.run(command, check=True, cwd=REPOSITORY, env={**os.environ, "PYTHONWARNINGS": "ignore"}, stdout=subprocess.DEVNULL)
+    """Copy the exported viewer pages of gallery.md into the site."""
+    out = Path(config["site_dir"]) / "gallery"
+    out.mkdir(exist_ok=True)
+    for entry in gallery.ENTRIES:
+        shutil.copy(GALLERY / f"{entry.name}.html", out)

@@ -1,4 +1,4 @@
-"""The picture at the head of README.md: the demo asset, the voxels that its surface touches, its stream, and what is decoded.
+"""A picture of the idea for README.md: the demo asset, the voxels that its surface touches, its stream, and what is decoded.
 
 python tools/bench/idea_picture.py OUT.png
 """

@@ -11,7 +11,7 @@ __all__ = [
     "EncodedContainer", "PlaneCodec", "Report", "Scene", "StreamError", "SupportError", "Texf", "TexfError", "decode", "encode",
     "encode_gltf", "encode_to_result", "expand", "inspect",
 ]
-__version__ = "0.9.0"
+__version__ = "1.0.0"
 
 if TYPE_CHECKING:
     from .api import decode, encode, encode_gltf, encode_to_result, expand, inspect

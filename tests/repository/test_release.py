@@ -38,6 +38,7 @@ def test_one_version_stands_everywhere():
     assert texfcodec.__version__ == version
     assert json.loads(text_of("js/package.json"))["version"] == version
     assert re.findall(r"^version: (.+)$", text_of("CITATION.cff"), re.M) == [version]
+    assert tomllib.loads(text_of("integrations/blender/blender_manifest.toml"))["version"] == version
 
 
 def test_first_version_of_the_changelog_is_this_one_and_says_when():

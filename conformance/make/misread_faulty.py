@@ -4,6 +4,7 @@ the order of refusals inside a unit (9.2)."""
 import DracoPy
 import numpy as np
 
+from conformance.make.constant import painted as uniform
 from conformance.make.faulty import (
     A,
     F,
@@ -20,7 +21,7 @@ from conformance.make.faulty import (
     with_units,
     with_values,
 )
-from conformance.make.good import parsed, plane_keys, units_of
+from conformance.make.good import encoded, parsed, plane_keys, units_of
 from conformance.make.materials import groups, over_voxels, painted
 from conformance.make.materials_faulty import binary32
 from conformance.make.misread import FURTHER, where_binary32_parts
@@ -124,6 +125,19 @@ def slice_at_the_end():
         codewords=unit["codewords"]))
 
 
+def one_beyond():
+    """Numbers one beyond their range in streams that hold together with them."""
+    none = encoded(uniform((0.5, 0.2, 0.05)), resolution=12, qp=46)
+    for kind, name, raw in ((F, "area_threshold", b"\xff\xff"), (F, "keys_crc", bytes(4)), (A, "values_crc", bytes(4)),
+                            (F, "num_keys", b"\0")):
+        none = with_element(none, kind, name, raw)
+    above = over_voxels([painted("roughness")], groups("roughness"), 8, shifts={(0, 1): 4}, constants=((0, 1),))
+    return [
+        ("num_keys_none", "a field none of whose voxels has the area that they need", "5.5", none, "TXF-S04"),
+        ("level_shift_above_root", "level_shift 4 on a grid of 8 voxels a side", "5.7", above, "TXF-S04"),
+    ]
+
+
 def two_faults():
     """Clause 9.2, step 4: a unit with two faults, of which the one that stands first decides."""
     texels = stream_of_parts([Image(picture(9, 7))], [sheet([(0, 0), (99, 8), (90, 70), (0, 0), (90, 70), (3, 66)])])
@@ -147,4 +161,4 @@ def faulty():
     """All of them."""
     at_the_end = ("slice_at_the_end", "a slice that begins at the number of nodes of its level", "5.7.1", slice_at_the_end(),
                   "TXF-S12")
-    return [*descriptors(), *units(), *idle_materials(), *of_draco(), at_the_end, *two_faults()]
+    return [*descriptors(), *units(), *idle_materials(), *of_draco(), at_the_end, *one_beyond(), *two_faults()]

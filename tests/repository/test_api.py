@@ -220,7 +220,7 @@ FACES = """\
 from dataclasses import replace
 import numpy as np
 from texfcodec.encoder.faces import source_faces
-from texfcodec.encoder.mesh.choice import kept
+from texfcodec.encoder.mesh.candidates import kept
 from texfcodec.encoder.place.geometry_units import code_geometry
 from texfcodec.encoder.shading.frame_choice import fit_frames
 from texfcodec.encoder.stages import Meshed, Shaded

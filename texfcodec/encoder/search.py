@@ -31,7 +31,7 @@ from ..report import Report
 from .caches import Cache, Caches
 from .encode import Encoder
 from .faces import SentSurface
-from .mesh.choice import FEWEST
+from .mesh.candidates import FEWEST
 from .place.geometry_units import code_geometry, geometry_bytes
 from .place.stage import OverBudget
 from .requests import Requests

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..scene.scene import Material, Scene
     from .decision import Decision
     from .faces import SentSurface, SourceSurface
-    from .mesh.choice import SentMesh
+    from .mesh.candidates import SentMesh
     from .place.part_fields import PartFields
     from .price import Lagrangian
     from .shading.normal_rules import Shading

@@ -146,11 +146,10 @@ class PictureComparison:
         """Return how a scene is drawn: in flat colours and, if there is light, in light. All shots share its normals."""
         return [None, *([Lighting(scene, table=self._table)] if self.lit else [])]
 
-    def ready(self) -> PictureComparison:
-        """Return the same, with what pictures of the source in light need computed, which else the first comparison would do."""
+    def ready(self) -> None:
+        """Compute what pictures of the source in light need, which the first comparison would do else."""
         for light in self._own_lights[1:]:
             _ = light.maps.corner_normal, light.geometric
-        return self
 
     def _views(self, scene, lights, cameras, shown, source=None):
         """Return the _Views of shown faces, bool [F], or all, by camera. lights: of _lights(scene); source: of the base colour,

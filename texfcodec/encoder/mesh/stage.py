@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from ..stages import Supported
     from ..supports.choice import Supports
     from ..supports.texel_plan import SentPlan, SourcePlan
-    from .choice import MeshRequest, SentMesh
+    from .candidates import SentMesh
+    from .choice import MeshRequest
 
 
 def mesh(supported: Supported, request: MeshRequest, caches: Caches, report: Report) -> Meshed:

@@ -11,7 +11,8 @@ BUDGETS = {
     ("texfcodec",): 54_535,  # target 42,500, with its JavaScript; 9,500 are docstrings; scenes took 2,400, speed 500,
     # memory of large meshes 100, the native library 150, a GLB of texel fields without kernels 80, tilesets 200,
     # values of generators 1,230: voxels, arrays, functions, channels at vertices, a mesh without a search;
-    # 55 of edges sorted once for meshes of a million faces, 80 of their GLB in half the time, 30 of imports of a file parted, 25 of the order of refusals
+    # 55 of edges sorted once for meshes of a million faces, 80 of their GLB in half the time,
+    # 30 of imports of a file parted, 25 of the order of refusals
     ("js", "native"): 10_700,  # 1,500 came with coded meshes of a glTF on a page, expand() and its fuzzer; 220 with its atlas,
     # 195 with vectors and threads, 20 with a shared library, 660 with textures in blocks for the card,
     # 800 with a reader of Draco's data in place of Draco's sources, 210 with a module with vectors and its heap,

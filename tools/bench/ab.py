@@ -1,7 +1,7 @@
 """Two checkouts side by side, in turns, because the speed of a machine wanders by more than what a change gains.
 
-    python tools/bench/ab.py pairs BEFORE AFTER ASSET.glb ... [--rate r03]     docs/reports/pairs.md
-    python tools/bench/ab.py costs BEFORE AFTER ASSET.glb ... [--rate r03]     docs/reports/costs.md
+    python tools/bench/ab.py pairs BEFORE AFTER ASSET.glb ... [--rate r03]
+    python tools/bench/ab.py costs BEFORE AFTER ASSET.glb ... [--rate r03]
     python tools/bench/ab.py compiled CHECKOUT ASSET.glb                       docs/reports/first_run.md
     python tools/bench/ab.py speed BEFORE AFTER [--rounds 3] [--only EXPRESSION]
 

@@ -19,6 +19,7 @@ from decode_texfcodec import arrays
 from conformance.make.claims import Case, unkept
 from conformance.make.good import parsed
 from conformance.make.levels import level_checks
+from conformance.make.promise import changed
 from conformance.make.queries import queries_file
 from conformance.make.vector import Vector, faulty, good
 from conformance.reference import decoder as naive
@@ -328,6 +329,8 @@ def main():
         if vector.expect and refusal(vector.data) != vector.code:
             print(f"{vector.name}: {refusal(vector.data)} instead of {vector.code}", file=sys.stderr)
     if arguments.write:
+        if broken := changed({vector.name: vector.data for vector in chosen}):
+            raise SystemExit(f"nothing is written: {', '.join(broken)} would break a promise; give the new streams new names")
         write(files)
     return 7 if differing and arguments.check else 0
 

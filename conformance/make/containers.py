@@ -14,6 +14,7 @@ from gltf_scenes import Builder, bumpy, textured, tree_of, with_tree
 from run_containers import own, primitives_of
 
 import texfcodec
+from conformance.make.promise import promised
 
 HOME = Path(__file__).resolve().parents[1] / "container"
 NAME = "TEXF_stream"
@@ -436,9 +437,13 @@ def files():
 
 def main():
     """Run the command of the module's description."""
-    expected = files()
+    expected, old = files(), promised()
     there = {path.relative_to(HOME).as_posix(): path.read_bytes() for path in HOME.glob("*/*")}
     differing = [name for name in sorted(there.keys() | expected.keys()) if there.get(name) != expected.get(name)]
+    kept = [name for name in differing if f"container/{name.split('/')[0]}" in old and name in there]
+    expected |= {name: there[name] for name in kept}
+    differing = [name for name in differing if name not in kept]
+    print(*[f"{name}: promised, and kept as it is" for name in kept])
     print(*[f"{name}: differs" for name in differing], f"{len(expected) // 2} vectors", sep="\n")
     if sys.argv[1:] == ["--write"]:
         for name in there.keys() - expected.keys():

@@ -23,6 +23,12 @@ def promised(home=HOME):
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
 
 
+def changed(streams):
+    """Return the names in streams, {vector: its bytes}, that are promised with other bytes."""
+    known = promised()
+    return [name for name, data in streams.items() if name in known and hashlib.sha256(data).hexdigest() != known[name][0]]
+
+
 def current(home=HOME):
     """The same of the vectors that are there; what is refused promises nothing."""
     out, digest = {}, lambda text: hashlib.sha256(text).hexdigest()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from conformance.make.promise import broken, current, promised, renewed
+from conformance.make.promise import HOME, broken, changed, current, promised, renewed
 
 OLD = {"subset/a": ["1", "2"], "subset/b": ["3", "4"]}
 
@@ -24,3 +24,9 @@ def test_a_promise_is_not_broken(new, said):
 
 def test_new_vectors_join_the_list():
     assert renewed(OLD, OLD | {"subset/c": ["5", "6"]}) == OLD | {"subset/c": ["5", "6"]}
+
+
+def test_a_promised_vector_is_not_made_anew():
+    data = (HOME / "subset/k3/in.texf").read_bytes()
+    assert changed({"subset/k3": data, "subset/new": b""}) == []
+    assert changed({"subset/k3": data[:-1], "subset/new": b""}) == ["subset/k3"]

@@ -3,6 +3,7 @@
 from conformance.make.double_faults import placed_units
 from conformance.make.faulty import A, F, G, H, M, base_stream, with_element, with_units
 from conformance.make.good import stream_of
+from conformance.make.normals import CODED, N, leaves, marked
 from conformance.make.texels import Image, picture, ring, stream_of_parts
 from conformance.make.texels_faulty import neural_over_texels
 from texfcodec.core.syntax_walk import write_v
@@ -58,6 +59,18 @@ def steps(base):
     return [(name, title, "9.2", data, code) for name, title, data, code in lines]
 
 
+def groups():
+    """Counts of coded normals, in a unit before the attribute unit, whose codec is unknown: none, which is out of range, and one,
+    which 8.4.3 does not count, a later step."""
+    units = placed_units(marked(leaves(), [(CODED, 0)]))
+    units.insert(4, units.pop([unit.kind for unit in units].index(N)))
+    base, unknown = stream_of([(unit.kind, bytes(unit.payload)) for unit in units]), (A, 0, "codec_id", b"\7")
+    lines = [("groups_before_codec", "num_groups 0", b"\0", "TXF-S04"),
+             ("codec_before_groups", "num_groups 1 in place of 22", b"\1", "TXF-U02")]
+    return [(name, f"{title}, before an unknown codec", "9.2", with_bytes(base, (N, 0, "num_groups", count), unknown), code)
+            for name, title, count, code in lines]
+
+
 def rules(base):
     """Rules of step 4, before a later registry value in the same unit."""
     planar = stream_of_parts([Image(picture(8, 8, channels=4))], [ring((8, 8))], alpha=True)
@@ -72,6 +85,6 @@ def rules(base):
 def faulty():
     """All of them, and two numbers that 32 bits would cut to 0."""
     base = base_stream()
-    return [*counts(base), *steps(base), *rules(base),
+    return [*counts(base), *steps(base), *groups(), *rules(base),
             ("geometry_field_far", "a geometry unit of field 2^32", "5.6", with_element(base, G, "field_index", FAR), "TXF-S09"),
             ("geometry_material_far", "material 2^32", "5.6", with_element(base, G, "material_index", FAR), "TXF-S09")]

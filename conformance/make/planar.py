@@ -82,6 +82,9 @@ def uncommon():
         ("dct_lossless", ["DCT blocks", "lossless"], ("7.9", "7.11.4"), recoded(corners, max_error=0, **DCT)),
         ("dct_random", ["DCT blocks", "random bytes as a codeword", "means at their bounds"], ("7.11.4",),
          with_codeword(recoded(corners, **DCT), noise, [40, 63, 63])),
+        # A share of 7.11.4 that is rounded up leads to other bits.
+        ("dct_random_fine", ["DCT blocks", "random bytes as a codeword"], ("7.11.4",),
+         with_codeword(recoded(two_corners(qp=0), **DCT), bytes([9]) + np.random.default_rng(1).bytes(2999), [12, 0, 9])),
     ]
     return [(name, *rest, (0, 1, 3) if name.startswith("dct_") else (0, 1)) for name, *rest in lines]
 

@@ -310,6 +310,7 @@ RAHT = {
     "a trunk with a single slice": lambda c: c.each(lambda u: u["slice_level"] > 0 and u["NumSlices"] == 1),
     "the level index without slices": lambda c: c.each(lambda u: u["level_index"] and u["slice_level"] == 0),
     "lossless": lambda c: c.each(lambda u: u["residual"] == 1),
+    "a first component with a residual_cross": lambda c: c.each(lambda u: u["residual_cross"][u["NumComponents"] // 3] > 0),
     "noise with errors of at most {} from a coarse field": lambda c, n:
         c.each(lambda u: u["residual"] == n + 1 and min(u["qp"]) >= 30),
 }
@@ -376,7 +377,8 @@ NEURAL = {
 # What a scene looks like, and limits that a scene was built to lie on: nothing that can be looked up in the stream.
 SCENES = ("a ribbon", "one inside the other", "areas and heights exactly on a limit", "one colour but for a few spots",
           "two values but for a few spots", "a sample that one rounding would move", "folds on both sides of every step",
-          "area weights exactly at area_threshold and just below it", "floats a quarter beside their numbers")
+          "area weights exactly at area_threshold and just below it", "floats a quarter beside their numbers",
+          "greys in coarse blocks of eight children")
 CLAIMS = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | TEXELS | PLANAR | CONSTANT | NEURAL | MATERIALS | NORMALS
 CLAIMS |= dict.fromkeys(SCENES, lambda case: True)
 # Clause -> what a vector that lists it has to hold, for the tools that a stream may do without.

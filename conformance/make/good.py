@@ -211,8 +211,17 @@ def on_voxel_boundaries():
     return encoded(scene_of(positions, np.array(faces), colours), resolution=64, qp=40, position_bits=8)
 
 
+def of_triangles(corners, resolution=16, qp=40, **choices):
+    """The stream, B = 20, of triangles that share no corner and reach both ends of the lattice. With K = 16 a grid coordinate is
+    the lattice position."""
+    positions = np.array(corners, np.float64).reshape(-1, 3)
+    colours = np.column_stack([positions / ((1 << 20) - 1), np.ones(len(positions))]).astype(np.float32)
+    scene = scene_of(positions, np.arange(len(positions)).reshape(-1, 3), colours)
+    return encoded(scene, resolution=resolution, qp=qp, position_bits=20, **choices)
+
+
 def exact_areas():
-    """B = 20, K = 16, so that a grid coordinate is the lattice position: areas and heights that lie exactly on a limit.
+    """B = 20, K = 16: areas and heights that lie exactly on a limit.
 
     A triangle whose height is one over a multiple of half a voxel (6.2), one that fills exactly 32/256 of a face (6.4), two with
     a little less and a little more, and one that spans the cube.
@@ -222,10 +231,7 @@ def exact_areas():
     small = lambda x, long, high: [[x, 40000, 900000], [x + long, 40000, 900000], [x, 40000 + high, 900000]]
     corners = [[[0, 0, 700], [base, 0, 700], [5, height, 700]], small(70000, half, half), small(140000, half, half - 1),
                small(210000, half - 1, half + 1), [[0, last, 0], [last, last, last], [last - 9, last, last]]]
-    positions = np.array(corners, np.float64).reshape(-1, 3)
-    colours = np.column_stack([positions / last, np.ones(15)]).astype(np.float32)
-    scene = scene_of(positions, np.arange(15).reshape(5, 3), colours)
-    return encoded(scene, resolution=16, qp=30, position_bits=20, area_threshold=32)
+    return of_triangles(corners, qp=30, area_threshold=32)
 
 
 def flat_ring():
@@ -246,10 +252,7 @@ def point_triangle():
     """B = 20, K = 8: a large triangle and one whose corners are the same grid coordinate, so that its Base is 0 (6.2)."""
     last = (1 << 20) - 1
     corners = [[[0, 0, 0], [last, last, 0], [0, last, last]], [[900000, 2, 2], [900001, 2, 2], [900000, 3, 2]]]
-    positions = np.array(corners, np.float64).reshape(-1, 3)
-    colours = np.column_stack([positions / last, np.ones(6)]).astype(np.float32)
-    scene = scene_of(positions, np.arange(6).reshape(2, 3), colours)
-    return encoded(scene, resolution=8, qp=30, position_bits=20, area_threshold=0)
+    return of_triangles(corners, 8, 30, area_threshold=0)
 
 
 def fan():

@@ -7,10 +7,20 @@ from unittest.mock import patch
 import numpy as np
 
 from conformance.make.filter import filtered
-from conformance.make.good import encoded, parsed, recoded, scene_of, torus, with_checksum, with_codeword, written
+from conformance.make.good import (
+    encoded,
+    of_triangles,
+    parsed,
+    recoded,
+    scene_of,
+    torus,
+    with_checksum,
+    with_codeword,
+    written,
+)
 from conformance.make.normals import CODED, marked
 from conformance.make.planar import DCT, drawn_stage, two_corners
-from conformance.make.rules import beginning_at, of_nothing, on_ring
+from conformance.make.rules import SPAN, beginning_at, far_from_small, of_nothing, on_ring
 from conformance.make.texels import BITS, CLAMPED, MIRRORED, Grid, Image, Patch, picture, ring, sheet, stream_of_parts
 from conformance.reference import attributes
 from conformance.reference.bits import units_of
@@ -26,14 +36,14 @@ NAMES = ("\0\x1f\x7f", "\x80\u07ff\u0800\ud7ff\ue000\ufffe\uffff", "\U00010000\U
 
 
 class Dictated(attributes.RangeDecoder):
-    """A range decoder without a codeword: every bit is a zero unless a one is twice as likely, but for some,
-    by their numbers, which are ones."""
+    """A range decoder without a codeword: every bit is a zero unless the share of ones is above `likely` thirds, but for
+    some, by their numbers, which are ones."""
 
-    def __init__(self, ones=()):
-        self.ones, self.count, self.low, self.range, self.size = ones, 0, 0, 2**32 - 1, 4
+    def __init__(self, ones=(), likely=2):
+        self.ones, self.likely, self.count, self.low, self.range, self.size = ones, likely, 0, 0, 2**32 - 1, 4
 
     def split(self, bound):
-        bit = int(self.count in self.ones or 3 * bound > 2 * self.range)
+        bit = int(self.count in self.ones or 3 * bound > self.likely * self.range)
         self.count += 1
         self.low, self.range = (self.low, bound) if bit else (self.low + bound, self.range - bound)
         while self.range < 2**24:
@@ -45,9 +55,9 @@ class Dictated(attributes.RangeDecoder):
         return self.low.to_bytes(self.size, "big")
 
 
-def dictated(data, ones=()):
+def dictated(data, *dictation):
     """The Dictated of a stream of one attribute unit."""
-    (unit,), decoder = read_stream(units_of(data))["attributes"], Dictated(ones)
+    (unit,), decoder = read_stream(units_of(data))["attributes"], Dictated(*dictation)
     with patch.object(attributes, "RangeDecoder", lambda _: decoder):
         attributes.decode_values(unit, decode(data).fields[0].keys.tolist())
     return decoder
@@ -59,6 +69,41 @@ def beyond_255():
     (unit,), last = parsed(data).attributes, dictated(data).count
     ones = [first + n for first in range(last - 300, last + 600, 150) for n in range(65)]
     return with_codeword(data, dictated(data, ones).codeword(), unit["qp"])
+
+
+def bits_of(residual):
+    """The bits of a residual (7.9) as text."""
+    rest, sign = f"{abs(residual) - 15:b}", int(residual < 0)
+    long = "1" * (14 + len(rest)) + "0" + rest[1:]
+    return "0" if residual == 0 else f"1{sign}" + (long if abs(residual) > 15 else "1" * (abs(residual) - 1) + "0")
+
+
+def between_classes():
+    """Eight voxels, with a residual of 256 at the first, which is cut to 255. Not cut, it would move the last one's energy to
+    the next class."""
+    square, faces = np.array([[0, 0], [1000, 0], [0, 1000], [1000, 1000]]), np.array([[0, 1, 2], [1, 3, 2]])
+    lattice = np.concatenate([np.column_stack([square, [z] * 4]) for z in (9, 900)])
+    patches = [Patch(lattice, np.concatenate([faces, faces + 4]))]
+    data = stream_of_parts([Grid(2, (90, 90, 90), False)], patches, models=6, max_error=0)
+    bits = "00" + "".join(3 * bits_of(residual) for residual in (256, 100, 0, 0, 0, 0, 0, -9))  # flags, then three components
+    ones = {n for n, bit in enumerate(bits) if bit == "1"}
+    return with_codeword(data, dictated(data, ones, 3).codeword(), [30, 30, 30])
+
+
+def with_idle_cross():
+    """A residual_cross of the component that comes first, which has nothing to follow."""
+    image = np.random.default_rng(3).integers(0, 256, (2, 2, 3)).astype(np.uint8)
+    stream = parsed(on_ring(image, qp=60, models=6, max_error=0))
+    stream.attributes[0]["residual_cross"][1] = 16
+    return written(stream)
+
+
+def greys():
+    """Triangles all over a cube in greys: coarse blocks of eight children with luma and without chroma."""
+    random = np.random.default_rng(0)
+    positions, grey = random.random((18, 3)), random.random(18)
+    colours = np.column_stack([grey, grey, 0.95 * grey, np.ones(18)]).astype(np.float32)
+    return recoded(encoded(scene_of(positions, np.arange(18).reshape(6, 3), colours), resolution=32, qp=46), models=1)
 
 
 def steps():
@@ -201,4 +246,11 @@ def uncommon():
          at_one_position(), (0,)),
         ("queries_folds", ["two fields over texels", "UVs several images beside"], ("6.5.3", "8.2.2"), far_folds(), (0, 1, 3)),
         ("queries_line", ["two fields", "a face without area", "each in a field of its own"], ("8.2",), without_area(), (0,)),
+        ("queries_far", ["two sheets and a face of one step", "each in a field of its own"], ("8.2",), far_from_small(), (0,)),
+        ("rules_height", [("B = {}", 20), ("K = {}", 16), "areas and heights exactly on a limit"], ("6.2",),
+         of_triangles([(1000, 45000, 40000), (61000, 45000, 40000), (3000, 77768, 40010), *SPAN], area_threshold=0), (0,)),
+        ("rules_last_context", ["a single model", "greys in coarse blocks of eight children"], ("7.5.5",), greys(), (0,)),
+        ("rules_cut", [("K = {}", 2), "lossless", "a residual beyond 255"], ("7.9",), between_classes(), (0,)),
+        ("rules_first", [("an image of {} x {}", 2, 2), "lossless", "a first component with a residual_cross"], ("7.9",),
+         with_idle_cross(), (0,)),
     ]

@@ -1,6 +1,8 @@
 """Faulty conformance vectors for refusals that a careful reader may leave out without a difference in any other vector, and for
 the order of refusals inside a unit (9.2)."""
 
+import zlib
+
 import DracoPy
 import numpy as np
 
@@ -10,6 +12,7 @@ from conformance.make.faulty import (
     F,
     H,
     M,
+    allowing,
     base_stream,
     flat_stream,
     framed,
@@ -21,14 +24,17 @@ from conformance.make.faulty import (
     with_units,
     with_values,
 )
-from conformance.make.good import encoded, parsed, plane_keys, units_of
+from conformance.make.good import encoded, parsed, plane_keys, units_of, written
 from conformance.make.materials import groups, over_voxels, painted
 from conformance.make.materials_faulty import binary32
 from conformance.make.misread import FURTHER, where_binary32_parts
+from conformance.make.neural import QUICK, neural, of_zeros
+from conformance.make.neural import ring as neural_ring
 from conformance.make.normals import MARKED_BY_AREA, marked
 from conformance.make.texels import Grid, Image, Patch, picture, ring, sheet, stream_of_parts
 from texfcodec import decode
 from texfcodec.bitstream.syntax import UNIT_METADATA
+from texfcodec.codecs.neural.neural_syntax import LATENT_LEVEL
 from texfcodec.scene.scene import Material
 
 CRITICAL = 6  # the first reserved critical unit type
@@ -127,14 +133,34 @@ def slice_at_the_end():
 
 def one_beyond():
     """Numbers one beyond their range in streams that hold together with them."""
-    none = encoded(uniform((0.5, 0.2, 0.05)), resolution=12, qp=46)
-    for kind, name, raw in ((F, "area_threshold", b"\xff\xff"), (F, "keys_crc", bytes(4)), (A, "values_crc", bytes(4)),
-                            (F, "num_keys", b"\0")):
-        none = with_element(none, kind, name, raw)
+    none = single = encoded(uniform((0.5, 0.2, 0.05)), resolution=12, qp=46)
+    crc = lambda values: zlib.crc32(bytes(values)).to_bytes(4, "little")
+    plane = parsed(single).attributes[0]["plane_value"]
+    for kind, name, of_none, of_single in ((F, "area_threshold", b"\xff\xff", b"\0\0"), (F, "keys_crc", crc([]), crc(8)),
+                                           (A, "values_crc", crc([]), crc(plane)), (F, "num_keys", b"\0", b"\1")):
+        none, single = with_element(none, kind, name, of_none), with_element(single, kind, name, of_single)
     above = over_voxels([painted("roughness")], groups("roughness"), 8, shifts={(0, 1): 4}, constants=((0, 1),))
     return [
         ("num_keys_none", "a field none of whose voxels has the area that they need", "5.5", none, "TXF-S04"),
         ("level_shift_above_root", "level_shift 4 on a grid of 8 voxels a side", "5.7", above, "TXF-S04"),
+        ("resolution_0_one_key", "K = 0 with the key and the value of K = 1", "5.5",
+         with_element(single, F, "resolution", b"\0\0"), "TXF-S04"),
+    ]
+
+
+def without_latents():
+    """3DNTC of zeros, which answers 128 everywhere, with a number one below its range in streams that hold together with it."""
+    grid, table = (neural(neural_ring(12), 41, [level], **QUICK) for level in ((6, 0, 77), (6, 5, 0)))
+    none = parsed(of_zeros(grid, 6))
+    none.attributes[0].update(latent_data=b"")
+    none.attributes[0]["latent_levels"][0].update(num_latents=[0], latent_threshold=65535)
+    with allowing(LATENT_LEVEL, "num_latents", low=0):
+        empty = written(none)
+    return [
+        ("neural_no_level", "3DNTC: no level, and a network without latents", "5.7.4", of_zeros(grid, 6, levels=0), "TXF-S04"),
+        ("neural_no_cell", "3DNTC: G = 0 of a hash table, whose codes move no value", "5.7.5",
+         with_element(of_zeros(table, 6), A, "latent_levels[0].level_resolution", b"\0\0"), "TXF-S04"),
+        ("neural_no_latent", "3DNTC: a grid none of whose voxels has the area that they need", "5.7.5", empty, "TXF-S04"),
     ]
 
 
@@ -161,4 +187,5 @@ def faulty():
     """All of them."""
     at_the_end = ("slice_at_the_end", "a slice that begins at the number of nodes of its level", "5.7.1", slice_at_the_end(),
                   "TXF-S12")
-    return [*descriptors(), *units(), *idle_materials(), *of_draco(), at_the_end, *one_beyond(), *two_faults()]
+    return [*descriptors(), *units(), *idle_materials(), *of_draco(), at_the_end, *two_faults(), *one_beyond(),
+            *without_latents()]

@@ -242,16 +242,17 @@ def with_level(data, number=0, more=0, **changes):
     return one_unit(data, edit)
 
 
-def of_zeros(data, *hidden):
-    """The stream with hidden layers of these widths, even where that is too few, and parameters of 0, for which all values are
-    128."""
+def of_zeros(data, *hidden, levels=1):
+    """The stream of one level with hidden layers of these widths and so many levels, even where that is too few, and parameters
+    of 0, for which all values are 128."""
     stream = parsed(data)
     (unit,), (part,) = stream.attributes, stream.fields
-    widths = [unit["Widths"][0], *hidden, unit["Widths"][-1]]
+    widths = [unit["num_features"] * levels + 6 * unit["wave_octaves"], *hidden, unit["Widths"][-1]]
+    unit.update(num_levels=levels, latent_levels=unit["latent_levels"][:levels], latent_data=bytes(unit["latent_data"]) * levels)
     parameters = sum((inputs + 1) * outputs for inputs, outputs in zip(widths, widths[1:], strict=False))
     unit.update(num_hidden=len(hidden), hidden_width=list(hidden), network_data=bytes(2 * parameters),
                 values_crc=zlib.crc32(bytes([128]) * (widths[-1] * part["num_keys"])))
-    with allowing(NEURAL, "num_hidden", low=0), allowing(NEURAL, "hidden_width", low=0):
+    with allowing(NEURAL, "num_hidden", low=0), allowing(NEURAL, "hidden_width", low=0), allowing(NEURAL, "num_levels", low=0):
         return written(stream)
 
 

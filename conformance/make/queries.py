@@ -31,6 +31,7 @@ ASKED = {
     "uncommon/maps_neural": (0,), "uncommon/neural_shortest_waves": (0,), "uncommon/queries_sheets": (0, 1),
     "uncommon/queries_no_side": (0,), "uncommon/maps_some": (0,),
     "uncommon/queries_by_a_hair": (0,), "uncommon/queries_folds": (0, 3), "uncommon/queries_line": (0,),
+    "uncommon/queries_far": (0,),
 }
 
 
@@ -206,7 +207,13 @@ def near_a_line(places):
     ]
 
 
-OF_THEIR_OWN = {"uncommon/queries_by_a_hair": by_a_hair, "uncommon/queries_no_side": of_no_side,
+def far_away(places):
+    """Points of rules.far_from_small(), whose world is its lattice, so far that 2^-40 of the least distance decides."""
+    above = lambda share: [(-1, 0, (311.0, 207.0, 600 + share * 600 * 2.0**40))]
+    return [("nearer to one by less than passes so far", 1, above(1.25)), ("nearer to one by more than passes", 1, above(0.8))]
+
+
+OF_THEIR_OWN = {"uncommon/queries_far": far_away, "uncommon/queries_by_a_hair": by_a_hair, "uncommon/queries_no_side": of_no_side,
                 "uncommon/queries_line": near_a_line}
 
 

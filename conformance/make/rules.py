@@ -14,6 +14,7 @@ from conformance.make.faulty import slices_from
 from conformance.make.good import (
     empty,
     encoded,
+    of_triangles,
     parsed,
     recoded,
     scene_of,
@@ -32,6 +33,8 @@ from texfcodec.geometry.edges import FOLDS, NORMAL_BITS, NUM_FOLDS
 from texfcodec.scene.channels import BASE_COLOUR, CHANNELS, PARAMETERS, group_values
 
 GREY = [Group((BASE_COLOUR,), True)]
+LAST = (1 << 20) - 1
+SPAN = [(0, LAST, 0), (LAST, LAST, LAST), (LAST, 0, LAST)]  # a triangle from end to end of the lattice
 
 
 def spotted(size, every):
@@ -67,15 +70,9 @@ def on_ring(image, **more):
 
 
 def rounded_twice():
-    """B = 20, K = 16, so that a grid coordinate is the lattice position: a triangle one of whose samples would lie in another
-    voxel if half (6.3) were rounded once, and one that spans the cube."""
-    last = (1 << 20) - 1
-    corners = [[(164262, 262144, 418757), (39672, 262146, 478751), (161712, 262143, 458756)],
-               [(0, last, 0), (last, last, last), (last, 0, last)]]
-    positions = np.array(corners, np.float64).reshape(-1, 3)
-    colours = np.column_stack([positions / last, np.ones(6)]).astype(np.float32)
-    scene = scene_of(positions, np.arange(6).reshape(2, 3), colours)
-    return encoded(scene, resolution=16, qp=40, position_bits=20, area_threshold=0)
+    """B = 20, K = 16: a triangle one of whose samples would lie in another voxel if half (6.3) were rounded once, and one that
+    spans the cube."""
+    return of_triangles([(164262, 262144, 418757), (39672, 262146, 478751), (161712, 262143, 458756), *SPAN], area_threshold=0)
 
 
 def sheets():
@@ -91,17 +88,13 @@ def sheets():
 
 
 def by_a_hair():
-    """B = 20, K = 16, so that a grid coordinate is the lattice position: in a voxel each, triangles whose area weight is exactly
-    area_threshold, and one or two below it, so that an area (6.2) that is rounded otherwise tells. The largest component of the
-    last one's cross product is 2^30."""
-    last, voxel = (1 << 20) - 1, np.array([1 << 16, 0, 0])
+    """B = 20, K = 16: in a voxel each, triangles whose area weight is exactly area_threshold, and one or two below it, so that an
+    area (6.2) that is rounded otherwise tells. The largest component of the last one's cross product is 2^30."""
+    voxel = np.array([1 << 16, 0, 0])
     corners = np.array([[(131272, 138624, 131272), (146629, 131272, 188154), (132652, 147512, 195493)],
                         [(131272, 131272, 131272), (155443, 134752, 133374), (161327, 158117, 184365)] + 3 * voxel,
-                        [(131272, 131272, 133284), (191013, 147823, 131272), (146763, 153537, 145585)] + 6 * voxel,
-                        [(0, last, 0), (last, last, last), (last, 0, last)]], np.float64).reshape(-1, 3)
-    colours = np.column_stack([corners / last, np.ones(len(corners))]).astype(np.float32)
-    scene = scene_of(corners, np.arange(len(corners)).reshape(-1, 3), colours)
-    return encoded(scene, resolution=16, qp=40, position_bits=20, area_threshold=40)
+                        [(131272, 131272, 133284), (191013, 147823, 131272), (146763, 153537, 145585)] + 6 * voxel, SPAN])
+    return of_triangles(corners, area_threshold=40)
 
 
 def a_quarter_off():

@@ -9,6 +9,7 @@ import numpy as np
 from conformance.make.filter import filtered
 from conformance.make.good import (
     encoded,
+    noise_sheet,
     of_triangles,
     parsed,
     recoded,
@@ -253,4 +254,7 @@ def uncommon():
         ("rules_cut", [("K = {}", 2), "lossless", "a residual beyond 255"], ("7.9",), between_classes(), (0,)),
         ("rules_first", [("an image of {} x {}", 2, 2), "lossless", "a first component with a residual_cross"], ("7.9",),
          with_idle_cross(), (0,)),
+        ("rules_energy", ["zeros", "then random bytes", ("{} models", 8)], ("7.5.5",),
+         with_codeword(recoded(encoded(noise_sheet(), resolution=12, qp=40), models=8),
+                       bytes(20) + np.random.default_rng(39).bytes(300), [40, 50, 40]), (0, 1)),
     ]

@@ -91,9 +91,9 @@ TWO_STAGES = FILTER + "whole = attributes.filtered_means; " + (
 # A constant plane that stays as long as the field is, whatever the level of detail.
 FULL_LENGTH = """
 checked = decoder.checked_values
-decoder.checked_values = lambda unit, keys, lod: checked(unit, keys, 0 if unit["codec_id"] == decoder.CONSTANT else lod)
+decoder.checked_values = lambda unit, keys, lod, of: checked(unit, keys, 0 if unit["codec_id"] == decoder.CONSTANT else lod, of)
 """
-NO_CHECKSUM = "decoder.checked_values = lambda unit, keys, lod: unit['plane_value'] * len(keys) if unit['codec_id'] == 2 else b''"
+NO_CHECKSUM = "decoder.checked_values = lambda unit, keys, *_: unit['plane_value'] * len(keys) if unit['codec_id'] == 2 else b''"
 ANY_NAME = "from conformance.reference.bits import Reader; Reader.utf8 = lambda self, count, name: str(self.take(count, name))"
 TEXELS = "from conformance.reference import texels; "
 # Squares with their borders, which ask texels of no weight.

@@ -7,21 +7,11 @@ from unittest.mock import patch
 import numpy as np
 
 from conformance.make.filter import filtered
-from conformance.make.good import (
-    encoded,
-    noise_sheet,
-    of_triangles,
-    parsed,
-    recoded,
-    scene_of,
-    torus,
-    with_checksum,
-    with_codeword,
-    written,
-)
+from conformance.make.good import encoded, of_triangles, parsed, recoded, with_checksum, with_codeword, written
 from conformance.make.normals import CODED, marked
 from conformance.make.planar import DCT, drawn_stage, two_corners
 from conformance.make.rules import SPAN, beginning_at, far_from_small, of_nothing, on_ring
+from conformance.make.scenes import noise_sheet, scene_of, torus
 from conformance.make.texels import BITS, CLAMPED, MIRRORED, Grid, Image, Patch, picture, ring, sheet, stream_of_parts
 from conformance.reference import attributes
 from conformance.reference.bits import units_of

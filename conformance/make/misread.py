@@ -244,6 +244,8 @@ def uncommon():
         ("rules_cut", [("K = {}", 2), "lossless", "a residual beyond 255"], ("7.9",), between_classes(), (0,)),
         ("rules_first", [("an image of {} x {}", 2, 2), "lossless", "a first component with a residual_cross"], ("7.9",),
          with_idle_cross(), (0,)),
+        ("texels_one_bit", [("an image of {} x {}", 2, 2), ("UVs quantised to {} bits", 1), "UVs in whole texels"], ("5.6.2",),
+         stream_of_parts([Image(picture(2, 2), fraction=0)], [sheet([(0, 0), (1, 0), (1, 1)] * 2, bits=1)]), (0,)),
         ("rules_energy", ["zeros", "then random bytes", ("{} models", 8)], ("7.5.5",),
          with_codeword(recoded(encoded(noise_sheet(), resolution=12, qp=40), models=8),
                        bytes(20) + np.random.default_rng(39).bytes(300), [40, 50, 40]), (0, 1)),

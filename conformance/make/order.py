@@ -25,10 +25,12 @@ def with_bytes(data, *changes):
 def counts(base):
     """Arrays that their payload cannot hold, before a value of a registry in them."""
     eight = with_bytes(base, (H, 0, "num_materials", b"\x08"))
-    few = with_units(eight, lambda units: units.__setitem__(1, (M, b"\0\0\x18\0\0\0\0\0\0")))
+    few, nearly = (with_units(eight, lambda units, rest=rest: units.__setitem__(1, (M, b"\0\0\x18" + bytes(rest))))
+                   for rest in (6, 36))
     strange = (H, 0, "channel_groups[1].group_semantics", b"\x17")
     return [
         ("count_of_materials", "eight materials in nine bytes, material_flags 24 in the first", "4.3", few, "TXF-S02"),
+        ("count_of_materials_nearly", "eight materials in 39 bytes, material_flags 24 in the first", "4.3", nearly, "TXF-S02"),
         ("count_of_semantics", "three channels in two bytes, the first of them 23", "4.3",
          with_bytes(base, (H, 0, "channel_groups[1].num_semantics", b"\3"), strange), "TXF-S02"),
         ("count_of_groups", "three channel groups in six bytes, channel 23 in the second", "4.3",

@@ -10,7 +10,6 @@ import tempfile
 import zlib
 from functools import lru_cache
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 from format_files import KTX2_FILES, dae, ktx2, stl, stl_text
@@ -24,6 +23,7 @@ from fuzz.trees import bend_text, bend_tree
 from texfcodec.io.images import read_image
 from texfcodec.io.load import load
 from texfcodec.io.parts import Notes
+from texfcodec.limits import Limits
 
 OBJ = """mtllib a.mtl
 o thing
@@ -325,7 +325,7 @@ def dae_file(data: bytes) -> None:
 
 @lru_cache(maxsize=1)
 def _images():
-    from PIL import Image, features
+    from PIL import features
 
     pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
     deep, clear = Image.fromarray(pixels[..., 0].astype(np.uint16) << 8), np.dstack([pixels, pixels[..., :1]])
@@ -337,16 +337,15 @@ def _images():
 
 
 def image(data: bytes) -> None:
-    """An image of any kind with bytes edited; a PNG with its checksums right again. Pillow's limit of pixels is lower than usual,
-    so that what a few bytes may ask for is less than the harness calls too much."""
+    """An image of any kind with bytes edited; a PNG with its checksums right again. The limit of pixels is lower than usual, so
+    that what a few bytes may ask for is less than the harness calls too much."""
     choices = Choices(data)
     raw = choices.pick(_images())
     for _ in range(choices.whole(0, 3)):
         raw = edited(raw[:120], choices) + raw[120:] if choices.flag() else edited(raw, choices)
     if raw[:4] == b"\x89PNG" and choices.flag():
         raw = _checked_png(raw)
-    with patch.object(Image, "MAX_IMAGE_PIXELS", 1 << 22):
-        pixels = read_image(raw, "an image", Notes(), choices.flag())
+    pixels = read_image(raw, "an image", Notes(limits=Limits(image_pixels=1 << 22)), choices.flag())
     assert pixels.dtype == np.uint8 and pixels.ndim == 3 and pixels.shape[2] == 4 and pixels.size
 
 

@@ -94,3 +94,12 @@ def test_a_limit_names_the_option_that_raises_it_and_what_shrinks(tmp_path, caps
         run_enc([*command, "--json"])
     assert remedy in json.loads(capsys.readouterr().out)["error"]["remedy"]
     assert not (tmp_path / "a.texf").exists()
+
+
+def test_16_bit_grey_of_many_rows_keeps_its_high_byte_and_its_transparent_value():
+    grey = np.random.default_rng(1).integers(0, 65536, (700, 33)).astype(np.uint16)
+    file = io.BytesIO()
+    Image.fromarray(grey).save(file, "PNG", transparency=int(grey[300, 5]))
+    rgba = read_image(file.getvalue(), "grey", Notes())
+    np.testing.assert_array_equal(rgba[..., 0], grey >> 8)
+    np.testing.assert_array_equal(rgba[..., 3] == 0, grey == grey[300, 5])

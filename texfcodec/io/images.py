@@ -154,23 +154,23 @@ def _sample_bits(data):
 def _to_rgba(image):
     width, height = image.size
     out = np.empty((height, width, 4), np.uint8)
-    if image.mode.startswith("I"):
-        return _deep_grey(image, out)
     for top in range(0, height, _STRIP_ROWS):
         strip = image.crop((0, top, width, min(top + _STRIP_ROWS, height)))
+        if strip.mode.startswith("I"):
+            out[top : top + _STRIP_ROWS] = _deep_grey(np.asarray(strip).astype(np.int64), image.info.get("transparency"))
+            continue
         if strip.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "RGBX", "La", "RGBa"):
             strip = strip.convert("RGB")
         out[top : top + _STRIP_ROWS] = np.asarray(strip.convert("RGBA"))
     return out
 
 
-def _deep_grey(image, out):
-    """16-bit grey: Pillow would clip instead of scale."""
-    grey = np.asarray(image).astype(np.int64)
-    out[..., :3] = np.clip(grey >> 8, 0, 255)[..., None]
-    clear = image.info.get("transparency")
-    out[..., 3] = 255 if clear is None else np.where(grey == clear, 0, 255)
-    return out
+def _deep_grey(grey, clear):
+    """Return the RGBA values of 16-bit grey, which Pillow would clip instead of scale. clear: the transparent value or None."""
+    rgba = np.empty((*grey.shape, 4), np.uint8)
+    rgba[..., :3] = np.clip(grey >> 8, 0, 255)[..., None]
+    rgba[..., 3] = 255 if clear is None else np.where(grey == clear, 0, 255)
+    return rgba
 
 
 def check_image_format(name: str, quality: int | None) -> None:

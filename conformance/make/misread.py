@@ -8,7 +8,7 @@ import numpy as np
 
 from conformance.make.filter import filtered
 from conformance.make.good import encoded, of_triangles, parsed, recoded, with_checksum, with_codeword, written
-from conformance.make.normals import CODED, marked
+from conformance.make.normals import CODED, marked, narrow
 from conformance.make.planar import DCT, drawn_stage, two_corners
 from conformance.make.rules import SPAN, beginning_at, far_from_small, of_nothing, on_ring
 from conformance.make.scenes import noise_sheet, scene_of, torus
@@ -238,6 +238,7 @@ def uncommon():
         ("queries_folds", ["two fields over texels", "UVs several images beside"], ("6.5.3", "8.2.2"), far_folds(), (0, 1, 3)),
         ("queries_line", ["two fields", "a face without area", "each in a field of its own"], ("8.2",), without_area(), (0,)),
         ("queries_far", ["two sheets and a face of one step", "each in a field of its own"], ("8.2",), far_from_small(), (0,)),
+        ("queries_narrow", ["faces with two corners at one position"], ("8.2",), narrow(), (0,)),
         ("rules_height", [("B = {}", 20), ("K = {}", 16), "areas and heights exactly on a limit"], ("6.2",),
          of_triangles([(1000, 45000, 40000), (61000, 45000, 40000), (3000, 77768, 40010), *SPAN], area_threshold=0), (0,)),
         ("rules_last_context", ["a single model", "greys in coarse blocks of eight children"], ("7.5.5",), greys(), (0,)),

@@ -31,7 +31,7 @@ ASKED = {
     "uncommon/maps_neural": (0,), "uncommon/neural_shortest_waves": (0,), "uncommon/queries_sheets": (0, 1),
     "uncommon/queries_no_side": (0,), "uncommon/maps_some": (0,),
     "uncommon/queries_by_a_hair": (0,), "uncommon/queries_folds": (0, 3), "uncommon/queries_line": (0,),
-    "uncommon/queries_far": (0,),
+    "uncommon/queries_far": (0,), "uncommon/queries_narrow": (0,),
 }
 
 

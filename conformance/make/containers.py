@@ -439,16 +439,15 @@ def main():
     """Run the command of the module's description."""
     expected, old = files(), promised()
     there = {path.relative_to(HOME).as_posix(): path.read_bytes() for path in HOME.glob("*/*")}
-    differing = [name for name in sorted(there.keys() | expected.keys()) if there.get(name) != expected.get(name)]
-    kept = [name for name in differing if f"container/{name.split('/')[0]}" in old and name in there]
-    expected |= {name: there[name] for name in kept}
-    differing = [name for name in differing if name not in kept]
-    print(*[f"{name}: promised, and kept as it is" for name in kept])
-    print(*[f"{name}: differs" for name in differing], f"{len(expected) // 2} vectors", sep="\n")
+    other = [name for name in sorted(there.keys() | expected.keys()) if there.get(name) != expected.get(name)]
+    kept = {name: there[name] for name in other if f"container/{name.split('/')[0]}" in old and name in there}
+    differing = [name for name in other if name not in kept]
+    lines = [f"{name}: {'promised, and kept' if name in kept else 'differs'}" for name in other]
+    print(*lines, f"{len(expected) // 2} vectors", sep="\n")
     if sys.argv[1:] == ["--write"]:
-        for name in there.keys() - expected.keys():
+        for name in there.keys() - (expected | kept).keys():
             (HOME / name).unlink()
-        for name, content in expected.items():
+        for name, content in (expected | kept).items():
             (HOME / name).parent.mkdir(parents=True, exist_ok=True)
             (HOME / name).write_bytes(content)
     return 7 if differing and sys.argv[1:] == ["--check"] else 0

@@ -25,8 +25,7 @@ def promised(home=HOME):
 
 def changed(streams):
     """Return the names in streams, {vector: its bytes}, that are promised with other bytes."""
-    known = promised()
-    return [name for name, data in streams.items() if name in known and hashlib.sha256(data).hexdigest() != known[name][0]]
+    return [name for name, (mark, _) in promised().items() if name in streams and hashlib.sha256(streams[name]).hexdigest() != mark]
 
 
 def current(home=HOME):

@@ -8,6 +8,7 @@ import numpy as np
 
 from conformance.make.filter import filtered
 from conformance.make.good import encoded, of_triangles, parsed, recoded, with_checksum, with_codeword, written
+from conformance.make.materials import groups, over_texels, painted
 from conformance.make.normals import CODED, marked, narrow
 from conformance.make.planar import DCT, drawn_stage, two_corners
 from conformance.make.rules import SPAN, beginning_at, far_from_small, of_nothing, on_ring
@@ -24,6 +25,7 @@ from texfcodec.scene.scene import Material
 # uv_range, and by how much all u are off: less than a quarter of a step in binary64 and more in binary32 (5.6.2), and vice versa.
 NEARER, FURTHER = (414924, -0.09416219592094421), (874407, -0.20682688057422638)
 NAMES = ("\0\x1f\x7f", "\x80\u07ff\u0800\ud7ff\ue000\ufffe\uffff", "\U00010000\U0010ffff", "\ufeff../\\")
+GREYS = "sheen_colour", "diffuse_transmission_colour"
 
 
 class Dictated(attributes.RangeDecoder):
@@ -238,6 +240,8 @@ def uncommon():
         ("queries_folds", ["two fields over texels", "UVs several images beside"], ("6.5.3", "8.2.2"), far_folds(), (0, 1, 3)),
         ("queries_line", ["two fields", "a face without area", "each in a field of its own"], ("8.2",), without_area(), (0,)),
         ("queries_far", ["two sheets and a face of one step", "each in a field of its own"], ("8.2",), far_from_small(), (0,)),
+        ("maps_grey_rest", [("grey {}", name) for name in GREYS], ("5.3.1",),
+         over_texels([painted(*GREYS)], groups(*GREYS, grey=GREYS), models=6, max_error=0), (0,)),
         ("queries_narrow", ["faces with two corners at one position"], ("8.2",), narrow(), (0,)),
         ("rules_height", [("B = {}", 20), ("K = {}", 16), "areas and heights exactly on a limit"], ("6.2",),
          of_triangles([(1000, 45000, 40000), (61000, 45000, 40000), (3000, 77768, 40010), *SPAN], area_threshold=0), (0,)),

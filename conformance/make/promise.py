@@ -25,7 +25,8 @@ def promised(home=HOME):
 
 def changed(streams):
     """Return the names in streams, {vector: its bytes}, that are promised with other bytes."""
-    return [name for name, (mark, _) in promised().items() if name in streams and hashlib.sha256(streams[name]).hexdigest() != mark]
+    digest = lambda data: hashlib.sha256(data).hexdigest()
+    return [name for name, (mark, _) in promised().items() if name in streams and mark != digest(streams[name])]
 
 
 def current(home=HOME):

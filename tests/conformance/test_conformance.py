@@ -310,7 +310,7 @@ def test_clause_that_a_vector_does_not_hit_is_caught(clauses):
 def test_vectors_of_planar_supports_are_over_texels():
     """Good and faulty ones: a sheet of voxels could stand in for them without a word, since it has z = 0 as well."""
     streams = [path for path in VECTORS.glob("*/*/in.texf") if path.parent.name.split("_")[0] in ("planar", "dct", "component")]
-    assert len(streams) == 25
+    assert len(streams) == 26
     for path in streams:
         kinds = [payload[1] for kind, payload in units_of(path.read_bytes()) if kind == syntax.FIELD]
         assert kinds == [syntax.TEXELS], path

@@ -333,8 +333,8 @@ def page_of(killers, equivalents, remark=""):
     share = settled / max(len(killers), 1)
     change = lambda m: " -> ".join("`" + text.replace("|", "\\|") + "`" for text in (m.before, m.after))
     clauses = lambda m: clauses_of(m.module).get(m.function, ["none named"])
-    out = ["# Mutants of the reference decoder", "", f"Made by `make -C tools mutants` (tools/proof/mutants.py) {made_on()}: one rule "
-           "of conformance/reference changed at a time, tried on every vector that runs the line.", "",
+    out = ["# Mutants of the reference decoder", "", f"Made by `make -C tools mutants` (tools/proof/mutants.py) {made_on()}: one "
+           "rule of conformance/reference changed at a time, tried on every vector that runs the line.", "",
            *([remark, ""] if remark else []),
            f"{len(killers)} mutants, {settled} killed or equivalent ({share:.1%}), {len(survivors)} survivors.", "",
            "| module | statements | mutants | killed | equivalent | survivors |", "|---|---:|---:|---:|---:|---:|"]

@@ -156,17 +156,16 @@ def _to_rgba(image):
     out = np.empty((height, width, 4), np.uint8)
     for top in range(0, height, _STRIP_ROWS):
         strip = image.crop((0, top, width, min(top + _STRIP_ROWS, height)))
-        if strip.mode.startswith("I"):
-            out[top : top + _STRIP_ROWS] = _deep_grey(np.asarray(strip).astype(np.int64), image.info.get("transparency"))
-            continue
-        if strip.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "RGBX", "La", "RGBa"):
-            strip = strip.convert("RGB")
-        out[top : top + _STRIP_ROWS] = np.asarray(strip.convert("RGBA"))
+        out[top : top + _STRIP_ROWS] = _rgba_of_strip(strip, image.info.get("transparency"))
     return out
 
 
-def _deep_grey(grey, clear):
-    """Return the RGBA values of 16-bit grey, which Pillow would clip instead of scale. clear: the transparent value or None."""
+def _rgba_of_strip(strip, clear):
+    """Return the RGBA values of a strip. clear: the transparent value of 16-bit grey, which Pillow would clip instead of scale."""
+    if not strip.mode.startswith("I"):
+        usual = strip.mode in ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "RGBX", "La", "RGBa")
+        return np.asarray((strip if usual else strip.convert("RGB")).convert("RGBA"))
+    grey = np.asarray(strip).astype(np.int64)
     rgba = np.empty((*grey.shape, 4), np.uint8)
     rgba[..., :3] = np.clip(grey >> 8, 0, 255)[..., None]
     rgba[..., 3] = 255 if clear is None else np.where(grey == clear, 0, 255)

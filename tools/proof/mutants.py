@@ -49,8 +49,8 @@ COMPARISONS = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.G
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Add, ast.LShift: ast.RShift, ast.RShift: ast.LShift,
              ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.BitXor: ast.BitOr, ast.Mod: ast.FloorDiv, ast.Pow: ast.Mult,
              ast.FloorDiv: ast.Mult}
-FITTED = ("Vectors were written for what survived of the samples with seeds 0 to 2 and 11 to 13, so that only other seeds say "
-          "something: of 300 with seed 13 it was 95.7 % before anything was written for them.")
+FITTED = ("Vectors were written for what survived of the samples with seeds 0 to 2 and 11 to 14, so that only other seeds say "
+          "something: before anything was written for them, of 300 with seed 13 it was 95.7 %, of 300 with seed 14 94 %.")
 TOP = "module"  # the place of what stands in no function: it runs when the module is imported
 SWAPPED = {"min": "max", "max": "min", "sorted": "list", "any": "all", "all": "any"}
 

@@ -161,7 +161,7 @@ def _to_rgba(image):
 
 
 def _rgba_of_strip(strip, clear):
-    """Return the RGBA values of a strip. clear: the transparent value of 16-bit grey, which Pillow would clip instead of scale."""
+    """Return RGBA values of a strip. clear: the transparent value of 16-bit grey, which Pillow would clip instead of scale."""
     if not strip.mode.startswith("I"):
         usual = strip.mode in ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "RGBX", "La", "RGBa")
         return np.asarray((strip if usual else strip.convert("RGB")).convert("RGBA"))

@@ -6,7 +6,7 @@ Rows that ROWS.jsonl has are not measured again; --again drops those before that
 "effort", "point" (rate or quality), "threads", "bytes" of everything, "psnr" of Y in daylight, 8 views of 512 pixels, "encode"
 and "decode", each [processor seconds of the process and its children, seconds of wall], and "commit". Rows of the tool "knobs"
 have "explained" instead: what texf-enc --explain-time measures. A tool that is not here, or that codes no such asset, is named
-on stderr.
+on stderr. Ours is decoded by the native library, which `make native` builds.
 
 Images are those of methods/uv.py at the bits of ASSETS, each at the better subsampling, which is settled before the clock runs.
 The seconds of programs (PROGRAMS) are those of a whole process on the source's file; those of all others begin after loading.
@@ -168,7 +168,7 @@ def by_us(asset, _, effort, point, threads):
     """Code the asset with our encoder; return what by_images() returns."""
     options = texfcodec.EncodeOptions(rate=point, effort=effort, threads=threads)
     encoded, encode = timed(texfcodec.encode, asset.scene, options)
-    texf, decode = timed(texfcodec.decode, encoded, texfcodec.DecodeOptions(threads=threads))
+    texf, decode = timed(texfcodec.decode, encoded, texfcodec.DecodeOptions(threads=threads, engine="native"))
     return len(encoded), texf, encode, decode
 
 

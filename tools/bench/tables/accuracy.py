@@ -21,9 +21,10 @@ NOTE = (
     "8 views of 512 pixels) that this has at qualities 40 and 82. A tool's usual effort is measured at several and "
     "interpolated there; another effort is measured at one and keeps its ratio to the usual one. Tools that do not come near "
     "that PSNR are compared at their own. Seconds are of the processor, with one thread, of coding from arrays and of "
-    "decoding to arrays; those of whole programs are of the process, and of our loader. Means over assets are geometric; a "
-    "rung that is measured on fewer assets (hollow marks: slow ones, where a large asset would take minutes) has the mean of "
-    "its ratios to the tool's usual effort there. The grey line is the front: no rung is both faster and smaller.")
+    "decoding to arrays, ours by the native library, as wheels have it; those of whole programs are of the process, and of our "
+    "loader. Means over assets are geometric; a rung that is measured on fewer assets (hollow marks: slow ones, where a large "
+    "asset would take minutes) has the mean of its ratios to the tool's usual effort there. The grey line is the front: no rung "
+    "is both faster and smaller.")
 KNOBS = (
     "Each asset at r03 and balanced beside one change, as texf-enc --explain-time shows it for an asset of your own: its "
     "processor seconds in units of ours, its bytes at equal PSNR in daylight, and how often which verdict. What stays "

@@ -1,6 +1,8 @@
 """rate_points.py --verify: recorded bytes that the present code still makes, and those that it does not."""
 
 import json
+from argparse import Namespace
+from functools import partial
 
 import pytest
 
@@ -53,6 +55,17 @@ def test_the_page_says_which_points_have_the_same_bytes_and_a_second_run_encodes
     assert "1 points of nowhere" in page and "1 fits of 3DNTC payloads" in page and "heroic" in page
     assert "nowhere" in said.err and "2 done" in said.out
     assert called(record) == EXIT_DIFFERS and "0 done" in capsys.readouterr().out
+
+
+def test_a_page_counts_encodes_and_names_what_differs(tmp_path):
+    point = partial(verify.Point, record=tmp_path / "rows.jsonl", asset="a", bytes={"total": 100})
+    points = [point(setting=name, options={"qp": qp}) for name, qp in (("same", 20), ("more", 30), ("twin", 20))]
+    runs = [(each, {"bytes": {"total": total}, "values": None, "seconds": 1.5})
+            for each, total in zip(points, (100, 103, 100), strict=True)]
+    args = Namespace(asset=[], records=[tmp_path / "rows.jsonl"], neural=False)
+    page = verify.page_of(runs, [], args)
+    assert "2 encodes in 3 processor" in page and "2 of 3 points have the same bytes" in page.replace("\n", " ")
+    assert "| a | more | 100 | 103 | +3.00 |" in page and "| a | same |" not in page
 
 
 def test_records_of_materials_are_points_and_those_of_rivals_are_not(tmp_path):

@@ -124,10 +124,10 @@ def is_same(runs):
 def page_of(runs, left_out, args):
     """Return the Markdown page. runs: of runs_of(); left_out: sentences about Points not encoded; args: the parsed arguments."""
     done = [(point, run) for point, run in runs if "error" not in run]
-    same, runs = sum(not changes_of(*pair) for pair in done), {(point.asset, point.job): run for point, run in done}.values()
+    same, encodes = sum(not changes_of(*pair) for pair in done), {(point.asset, point.job): run for point, run in done}.values()
     lead = (f"Made by `{command_of(args)}` {made_on()}: points of ours that other commits have measured, encoded again with "
-            f"their recorded options by this one, {len(runs)} encodes in {sum(run['seconds'] for run in runs):.0f} processor "
-            "seconds.")
+            f"their recorded options by this one, {len(encodes)} encodes in {sum(run['seconds'] for run in encodes):.0f} "
+            "processor seconds.")
     said = (f"**{same} of {len(runs)} points have the same bytes.** Percent are of the recorded bytes, positive where there are "
             "more now. Same values: of the points whose record has the hash of the decoded values, those that have it still.")
     blocks = [("h1", "Recorded points, encoded again"), *(("p", text) for text in (lead, said, *left_out)),

@@ -64,6 +64,17 @@ def two_values(size, every):
     return out.reshape(size[1], size[0], 3)
 
 
+def surprising():
+    """A picture, uint8 [64, 64, 3], of blocks of 2 x 2 whose three coefficients differ in their signs alone, but for a few that
+    are larger, and one block without any: each comes as a surprise when all models are as sure as they can be."""
+    signs = np.random.default_rng(1).choice((-1.0, 1.0), (1024, 3))
+    signs[65::131, 0] *= 2.6
+    signs[500] = 0
+    waves = np.array([[[1, 1, 1], [1, -1, -1]], [[-1, 1, -1], [-1, -1, 1]]])
+    out = np.einsum("ijk,abk->iajb", signs.reshape(32, 32, 3), waves).reshape(64, 64, 1)
+    return (128 + 15 * out).repeat(3, 2).astype(np.uint8)
+
+
 def on_ring(image, **more):
     """A stream of an image on a ring."""
     return stream_of_parts([Image(image)], [ring(image.shape[1::-1])], **more)
@@ -249,6 +260,8 @@ def uncommon():
          on_ring(nearly_flat((128, 96), 331), groups=GREY, qp=63, models=6, max_error=0), (0,)),
         ("rules_ones", [("grey {}", "base_colour"), "lossless", "two values but for a few spots"], ("7.6.4", "7.9"),
          on_ring(two_values((48, 32), 97), groups=GREY, qp=63, models=6, max_error=0), (0,)),
+        ("rules_surprises", [("an image of {} x {}", 64, 64), ("wrap {}", "repeat"), ("{} models", 8)], ("7.6.4",),
+         on_ring(surprising(), qp=36, models=8), (0,)),
         ("rules_leads",
          [("an image of {} x {}", 20, 14), ("wrap {}", "repeat"), ("noise with errors of at most {} from a coarse field", 0)],
          ("7.9",), on_ring(noise, qp=44, models=6, max_error=0), (0,)),

@@ -225,7 +225,7 @@ def draw(found, path):
 
 def page_of(found, picture=None):
     """docs/reports/load.md. found: {part: what it measured}; picture: path of draw()'s plot from the page."""
-    lines = ["# Under load", "", f"Made by `make load` (tests/load/run.py) {made_on()}.", ""]
+    lines = ["# Under load", "", f"Made by `make -C tools load` (tests/load/run.py) {made_on()}.", ""]
     for part in filter(found.__contains__, PARTS):
         lines += [f"## {PARTS[part].title}", ""]
         for block in PARTS[part].section(found[part]):

@@ -208,7 +208,7 @@ def page_of(pairs: list[Pair], sides: dict[str, Side], facts: dict, picture: str
     head = ["asset", "dB", "kB", "decode, s", "upload, s", *(f"{link:g} Mbit/s" for link in LINKS), "crossover, cached",
             "first visit"]
     values = facts | {name: size / 1e3 for name, size in facts["decoders"].items()} | {"loads": LOADS, "workers": WORKERS}
-    parts = ["# Time to picture", f"Made by `python tools/bench/time_to_picture.py`, {made_on()}.",
+    parts = ["# Time to picture", f"Made by `make -C tools picture` (tools/bench/time_to_picture.py) {made_on()}.",
              *(part.format(**values) for part in NOTE)]
     parts += [f"![Seconds to the first whole frame over the link, ours and its rivals]({picture})"] if picture else []
     for tool, (name, *_) in RIVALS.items():

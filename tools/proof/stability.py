@@ -40,7 +40,7 @@ CASES = {case.name: case for name in GROUPS for module in MODULES.values() for k
 BROKEN = 7
 HEAD = """# How far off it can get
 
-Made by `make stability` (tools/proof/stability.py) {made}.
+Made by `make -C tools stability` (tools/proof/stability.py) {made}.
 
 The cases are also what the tests of their rooms run (test_*_bounds.py). Each case stresses one thing, says how large the error
 may be and why, and measures it against exact fractions, the reference decoder, or a formula. Half of the trials are random,

@@ -382,7 +382,8 @@ def page_of(runs, cases, verdicts, options):
     count = {text: sum(v.text == text for row in verdicts.values() for v in row.values()) for text in ORDER}
     same = (f"Of {sum(count.values())} cells {count[SAME]} are the same, {count[NOT_RUN]} were not run, in {count[STREAM]} the "
             f"encoder's stream differs, in {count[ARRAYS]} a decoded array; {count[FAILS]} fail.")
-    lines = ["# Determinism", "", f"Made by `make -C tools determinism` (tools/proof/determinism.py) {made_on()}.", "", INTRODUCTION, "",
+    lines = ["# Determinism", "", f"Made by `make -C tools determinism` (tools/proof/determinism.py) {made_on()}.", "",
+             INTRODUCTION, "",
              same, "", *_matrix(others, verdicts), "", "## Configurations", "", *_configurations(runs), "", "## Rows", "",
              *_rows(reference, cases, options)]
     return "\n".join(wrapped(lines)) + "\n"

@@ -222,7 +222,8 @@ def page_of(modules, reasons, runs):
     left = [[f"{m.name}:{branch.line}", branch.function, f"`{branch.text}`", f"`{branch.goal}`",
              reasons.get(branch.key_in(m.name), "**no reason given**")] for m in modules for branch in m.missed]
     out = ["# Branches of the decoder", "",
-           f"Made by `make -C tools coverage` (tools/proof/coverage_table.py). {INTRODUCTION}", "", f"**{branches - missed} of {branches} branches are taken, {share}**, in {len(modules)} modules of {statements} "
+           f"Made by `make -C tools coverage` (tools/proof/coverage_table.py). {INTRODUCTION}", "",
+           f"**{branches - missed} of {branches} branches are taken, {share}**, in {len(modules)} modules of {statements} "
            f"statements; the other {missed} are named below. {KERNELS}", "", "## What runs", "",
            *markdown_table(["part", "what", "seconds"], [[p.name, p.description, f"{spent:.0f}"] for p, spent in runs], 2), "",
            f"Made {made_on()}; other work may have shared the processor.", "", "## By module", "",

@@ -221,8 +221,7 @@ def page_of(modules, reasons, runs):
              f"{100 * (m.branches - len(m.missed)) / m.branches:.1f} %" if m.branches else ""] for m in modules]
     left = [[f"{m.name}:{branch.line}", branch.function, f"`{branch.text}`", f"`{branch.goal}`",
              reasons.get(branch.key_in(m.name), "**no reason given**")] for m in modules for branch in m.missed]
-    out = ["# Branches of the decoder", "",
-           f"Made by `make -C tools coverage` (tools/proof/coverage_table.py). {INTRODUCTION}", "",
+    out = ["# Branches of the decoder", "", f"Made by `make -C tools coverage`. {INTRODUCTION}", "",
            f"**{branches - missed} of {branches} branches are taken, {share}**, in {len(modules)} modules of {statements} "
            f"statements; the other {missed} are named below. {KERNELS}", "", "## What runs", "",
            *markdown_table(["part", "what", "seconds"], [[p.name, p.description, f"{spent:.0f}"] for p, spent in runs], 2), "",

@@ -262,6 +262,8 @@ def uncommon():
          on_ring(two_values((48, 32), 97), groups=GREY, qp=63, models=6, max_error=0), (0,)),
         ("rules_surprises", [("an image of {} x {}", 64, 64), ("wrap {}", "repeat"), ("{} models", 8)], ("7.6.4",),
          on_ring(surprising(), qp=36, models=8), (0,)),
+        ("rules_borders", ["DCT blocks", ("grey {}", "base_colour")], ("7.11.4",),
+         on_ring(picture(96, 64, noise=20), groups=GREY, qp=40, models=8, dct_blocks=1, planar_transform=1), (0,)),
         ("rules_leads",
          [("an image of {} x {}", 20, 14), ("wrap {}", "repeat"), ("noise with errors of at most {} from a coarse field", 0)],
          ("7.9",), on_ring(noise, qp=44, models=6, max_error=0), (0,)),

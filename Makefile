@@ -20,9 +20,7 @@ demo: $(DEMO)  # An environment, a vase, its stream and the way back, in one go
 	$(PY) -m texfcodec.demo
 
 # Three workers, for tests that wait for a browser or a process leave cores idle: 8.7 minutes on two cores in place of 9.4
-# Kernels are compiled once, beside the vectors, and not by all workers at a time.
-test: install  # Every vector and all tests but the sweeps, in an environment of their own
-	$(PY) -m texfcodec.cli.enc --warmup & $(MAKE) --no-print-directory conformance; code=$$?; wait; exit $$code
+test: conformance  # Every vector and all tests but the sweeps, in an environment of their own
 	$(PY) -m pytest -q -n 3 --dist loadfile -m "not slow"
 
 check: conformance  # Before a commit, three to five minutes: lint, every vector, and the tests that are quick

@@ -49,6 +49,17 @@ def test_nodes_place_and_mirror(scene_of):
     np.testing.assert_allclose(scene.corner_uv[..., 0], place[..., 0] / -2)
 
 
+def test_a_node_that_looks_somewhere_is_turned_there(scene_of):
+    """By the specification of COLLADA: x is right, y nearly up, and the point of interest lies along -z."""
+    scene = scene_of(node="<scale>2 2 2</scale><lookat>1 2 3 1 2 -5 1 1 0</lookat>")
+    turn = np.array([[1, 1, 0], [-1, 1, 0], [0, 0, 2**0.5]]) / 2**0.5
+    np.testing.assert_allclose(scene.positions, 2 * (SQUARE @ turn.T + [1, 2, 3]), atol=1e-6)
+    scene = scene_of(strict=False, node="<lookat>1 2 3 1 2 3 0 1 0</lookat>")
+    np.testing.assert_allclose(scene.positions, SQUARE + [1, 2, 3])
+    assert scene.dropped == ["where a node looks (lookat)"] and len(scene.warnings) == 1
+    assert any("9 float values" in text for text in scene_of(strict=False, node="<lookat>1 2</lookat>").warnings)
+
+
 def test_concave_polygons_are_cut(scene_of):
     points = np.array([[0, 0, 0], [4, 0, 0], [4, 4, 0], [2, 1, 0], [0, 4, 0]])
     surface = ('<polylist count="1" material="skin"><input semantic="VERTEX" source="#v" offset="0"/><vcount>5</vcount>'

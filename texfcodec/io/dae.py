@@ -29,6 +29,7 @@ _WRAPS = {"WRAP": WRAP_REPEAT, "CLAMP": WRAP_CLAMP, "BORDER": WRAP_CLAMP, "NONE"
 # What exporters write of every material, and physical shading leaves out, but for textures and colours that are not grey.
 _MATTE, _GREY = ("ambient", "shininess", "reflectivity", "index_of_refraction"), ("specular", "reflective")
 _LINES = re.compile(rb"<((?:\w+:)?linestrips)\b(?:[^>]*/>|[^>]*>.*?</\1\s*>)", re.DOTALL)
+_LOOKAT = re.compile(rb"<((?:\w+:)?)lookat\b[^>]*>([^<]*)</\1lookat\s*>")
 _SAME = 1e-3  # of colours that are written with three digits
 CAMERAS = "cameras are left out"
 _USED_INPUTS = {"VERTEX", "TEXCOORD", "COLOR", "NORMAL"}
@@ -37,7 +38,7 @@ _USED_INPUTS = {"VERTEX", "TEXCOORD", "COLOR", "NORMAL"}
 def read_dae(data: bytes, folder: Path, notes: Notes) -> Scene:
     """Read the bytes of a .dae file as a Scene. folder: where its images are. Errors: TXF-I24, SupportError TXF-I35 without
     pycollada."""
-    document = _parse(_without_lines(_with_points(bytes(data), notes), notes))
+    document = _parse(_with_matrices(_without_lines(_with_points(bytes(data), notes), notes), notes))
     errors = _name_errors(document, notes)
     if document.scene is None:
         raise _nothing(errors, notes)
@@ -75,6 +76,27 @@ def _without_lines(data, notes):
     if count:
         notes.drop(plural(count, "set of line strips", "sets of line strips"))
     return _LINES.sub(b"", data) if count else data
+
+
+def _with_matrices(data, notes):
+    """The document with a matrix in place of each lookat, of which pycollada makes one that places nothing."""
+
+    def matrix(match):
+        try:
+            eye, interest, up = np.array(match[2].split(), np.float64).reshape(3, 3)
+        except ValueError:
+            return match[0]  # pycollada refuses it
+        back = eye - interest
+        right = np.cross(up, back)
+        axes = np.column_stack([right, np.cross(back, right), back])
+        lengths = np.linalg.norm(axes, axis=0)
+        turned = lengths.all() and np.isfinite(lengths).all()
+        if not turned:
+            notes.lose("where a node looks (lookat)", "a lookat of the COLLADA file has no direction; its node is not turned")
+        rows = np.vstack([np.column_stack([axes / lengths if turned else np.eye(3), eye]), [0, 0, 0, 1]])
+        return b"<%bmatrix>%b</%bmatrix>" % (match[1], " ".join(map(repr, rows.ravel().tolist())).encode(), match[1])
+
+    return _LOOKAT.sub(matrix, data)
 
 
 def _parse(data):

@@ -252,6 +252,8 @@ def framing():
         ("no_materials_unit", "no materials unit", "5.2", with_units(base, lambda units: units.pop(1)), "TXF-S11"),
         ("two_metadata", "a second metadata unit", "5.2",
          with_units(base, lambda units: units.insert(-1, (UNIT_METADATA, b"\0{}"))), "TXF-S07"),
+        ("two_metadata_formats", "a second metadata unit, of another metadata_format", "5.2",
+         with_units(base, lambda units: units.insert(-1, (UNIT_METADATA, b"\x01{}"))), "TXF-S07"),
         ("length_not_shortest", "unit_length in two bytes where one would do", "4.3", framed(base, STRANGER, b"\x85\0", b"12345"),
          "TXF-S05"),
         ("length_nine_bytes", "a number in nine bytes, on which nothing depends", "4.3",

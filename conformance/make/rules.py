@@ -86,6 +86,13 @@ def rounded_twice():
     return of_triangles([(164262, 262144, 418757), (39672, 262146, 478751), (161712, 262143, 458756), *SPAN], area_threshold=0)
 
 
+def beside_clamped():
+    """On a clamped image a face that asks a quarter of it, by corners so far beside that they ask half of that once they are
+    clamped, and one of which nothing but what stands beside the image is asked."""
+    uv = 16 * np.array([(8, 8), (40, 8), (8, 40), (40, 2), (60, 2), (60, 3)])
+    return stream_of_parts([Image(picture(16, 16), CLAMPED)], [sheet(uv)])
+
+
 def sheets():
     """Two sheets over texels one above the other, and between them, nearer to the first, one over voxels that touches it."""
     texel = 16
@@ -264,6 +271,10 @@ def uncommon():
          on_ring(surprising(), qp=36, models=8), (0,)),
         ("rules_borders", ["DCT blocks", ("grey {}", "base_colour")], ("7.11.4",),
          on_ring(picture(96, 64, noise=20), groups=GREY, qp=40, models=8, dct_blocks=1, planar_transform=1), (0,)),
+        ("rules_few_models", ["DCT blocks", "lossless", ("{} models", 2)], ("7.9", "7.11.4"),
+         on_ring(picture(32, 24, noise=20), qp=40, models=2, max_error=0, dct_blocks=1, planar_transform=1), (0,)),
+        ("rules_clamped", [("an image of {} x {}", 16, 16), ("wrap {}", "clamp"), "UVs beside the image"], ("6.5.3",),
+         beside_clamped(), (0,)),
         ("rules_leads",
          [("an image of {} x {}", 20, 14), ("wrap {}", "repeat"), ("noise with errors of at most {} from a coarse field", 0)],
          ("7.9",), on_ring(noise, qp=44, models=6, max_error=0), (0,)),

@@ -34,9 +34,9 @@ LARGEST = 1 << 16
 # Modules that make vectors, in the order of README.md.
 MAKERS = {"subset": ("good", "constant", "neural", "texels", "materials"),
           "uncommon": ("good", "filter", "constant", "neural", "texels", "planar", "materials", "normals", "rules",
-                       "misread"),
+                       "misread", "readings"),
           "faulty": ("faulty", "filter", "constant", "neural", "texels_faulty", "planar", "materials_faulty", "normals",
-                     "order", "misread_faulty")}
+                     "order", "misread_faulty", "readings")}
 
 
 def features(vector):

@@ -378,7 +378,9 @@ NEURAL = {
 SCENES = ("a ribbon", "one inside the other", "areas and heights exactly on a limit", "one colour but for a few spots",
           "two values but for a few spots", "a sample that one rounding would move", "folds on both sides of every step",
           "area weights exactly at area_threshold and just below it", "floats a quarter beside their numbers",
-          "greys in coarse blocks of eight children")
+          "greys in coarse blocks of eight children", "a grid coordinate just below a voxel",
+          "corners that the grid sorts otherwise", "a sample beside the grid", "a triangle twice",
+          "a face of three positions on a line", "normals near an axis")
 CLAIMS = HEADER_AND_FIELDS | CODEWORDS | RAHT | FILTERS | TEXELS | PLANAR | CONSTANT | NEURAL | MATERIALS | NORMALS
 CLAIMS |= dict.fromkeys(SCENES, lambda case: True)
 # Clause -> what a vector that lists it has to hold, for the tools that a stream may do without.

@@ -80,7 +80,8 @@ def description_of(chosen):
 
 
 PARTS = (
-    Part("conformance", ("conformance/run.py",), JIT_OFF, "every vector, at every level of detail, with its queries; no JIT"),
+    Part("conformance", ("conformance/run.py", "subset/", "uncommon/", "faulty/"), JIT_OFF,
+         "every vector but those of everyday size, at every level of detail, with its queries; no JIT"),
     Part("plain", tests_of(TESTS["plain"]), JIT_OFF, description_of(TESTS["plain"]) + "; no JIT"),
     Part("compiled", tests_of(TESTS["compiled"]), JIT_ON, description_of(TESTS["compiled"]) + "; with the JIT"),
     Part("warmup", ("-m", "texfcodec.cli.enc", "--warmup"), JIT_ON, "`texf-enc --warmup`"),

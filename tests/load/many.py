@@ -62,6 +62,9 @@ def write_catalogue(folder, count):
     return good
 
 
+UNWRITTEN = HERE | {"PYTHONDONTWRITEBYTECODE": "1"}  # Python keeps a module that a full disk has cut short
+
+
 class Day:
     """One folder of results and how often the batch was tried. tries: a row for each try."""
 
@@ -75,7 +78,7 @@ class Day:
 
     def start(self, **keywords):
         """The batch as a process."""
-        return subprocess.Popen(self.words(self.out), cwd=REPOSITORY, env=HERE, stdout=subprocess.DEVNULL,
+        return subprocess.Popen(self.words(self.out), cwd=REPOSITORY, env=UNWRITTEN, stdout=subprocess.DEVNULL,
                                 stderr=subprocess.DEVNULL, **keywords)
 
     def note(self, fault, code):
@@ -136,7 +139,7 @@ class Day:
                     return False
             except OSError:
                 return False
-            run = subprocess.run([*mount, *self.words(Path(folder))], cwd=REPOSITORY, env=HERE, capture_output=True)
+            run = subprocess.run([*mount, *self.words(Path(folder))], cwd=REPOSITORY, env=UNWRITTEN, capture_output=True)
             self.note(f"a disk of {DISK >> 10} kB", run.returncode)
         return True
 

@@ -121,18 +121,24 @@ def _guarded(command, arguments, console):
         return console.fail("TXF-C01", error.format_message().rstrip(".") + f"; see {command.name} --help", EXIT_USAGE)
     except TexfError as error:
         return console.fail(error.code, error.message, error.exit_code, **error.details | _remedy(error))
-    except (click.Abort, KeyboardInterrupt):
+    except (click.Abort, KeyboardInterrupt) as error:
+        if isinstance(error.__cause__, EOFError):  # nobody asks for input: click takes it for an interrupt
+            return _internal(console, error.__cause__)
         return console.fail(interrupts.CODE, interrupts.message(), EXIT_INTERRUPTED)
     except BrokenPipeError:
         return EXIT_IO
     except MemoryError as error:
         return console.fail("TXF-L09", "there is not enough memory" + getattr(error, "advice", ""), EXIT_LIMIT)
     except Exception as error:
-        if os.environ.get(TRACEBACK, "0") not in ("", "0"):
-            raise
-        what = f"{type(error).__name__}: {error}"[:300]
-        return console.fail("TXF-C04", f"internal error; run again with {TRACEBACK}=1 and report "
-                                       "the output", EXIT_INTERNAL, reason=what)
+        return _internal(console, error)
+
+
+def _internal(console, error):
+    if os.environ.get(TRACEBACK, "0") not in ("", "0"):
+        raise error
+    what = f"{type(error).__name__}: {error}"[:300]
+    return console.fail("TXF-C04", f"internal error; run again with {TRACEBACK}=1 and report the output", EXIT_INTERNAL,
+                        reason=what)
 
 
 def _remedy(error):
